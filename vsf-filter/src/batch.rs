@@ -27,27 +27,31 @@ use vsf_core::{CoreError, Noise, Observation, RestPoints};
 /// The problem is solved by rows when there are this many times more touched points.
 const POINTS_PER_ROW: usize = 3;
 
-/// The true constrained optimum over all observations of recorded sequences: the non-negative
-/// maximum a posteriori field
+/// Offline estimator: the exact non-negative maximum a posteriori (MAP) field, given all observations.
+///
+/// It solves
 ///
 /// `argmin_{K >= 0} sum_t |tau_t - W_t K|²_{(s² R_t)^-1} + |K - m|²_{C^-1}`
 ///
-/// for any [`FieldPrior`] `N(m, C)` and any scale `s` of the noise. The observations are turned
-/// into normal equations once, at the noise `R_t` that they carry ([`BatchMap::new`]) or that is
-/// given for all ([`BatchMap::with_noise`]); every prior and scale is then
-/// solved from there.
+/// for any [`FieldPrior`] `N(m, C)` and any noise scale `s`. Building a `BatchMap` turns the observations
+/// into normal equations once. It uses the noise `R_t` of each observation ([`BatchMap::new`]) or one noise
+/// for all ([`BatchMap::with_noise`]). Any number of priors and scales can then be solved from there.
 ///
-/// With `n` touched points and `m` rows (channels of all observations in contact), `n` may be tens
-/// of thousands and `m` hundreds of thousands: building takes `O(k² m)` time for `k` contacts per
-/// observation, a solution some ten factorizations of the points with `K > 0`, memory is a few
-/// times `8 n²` bytes. When points outnumber rows by far, an independent prior is solved in
-/// `O(m² n)` time and `8 m n` bytes instead. Work is spread over the threads of the current rayon
-/// pool; results do not depend on their number.
+/// # Cost
+/// Let `n` be the number of touched points and `m` the number of rows (the channels of all observations in
+/// contact). `n` may be tens of thousands and `m` hundreds of thousands.
+/// - Building takes `O(k² m)` time for `k` contacts per observation.
+/// - A solution takes some ten factorizations of the points with `K > 0`.
+/// - Memory is a few times `8 n²` bytes.
+///
+/// Where points far outnumber rows, an independent prior is solved in `O(m² n)` time and `8 m n` bytes
+/// instead. Work is spread over the threads of the current rayon pool; results do not depend on their
+/// number.
 ///
 /// # Robust fits
-/// Observations carry their own noise, channel by channel. Iteratively reweighted least squares is
-/// a loop around this type: solve, widen [`vsf_core::Noise`] of the channels with large residuals
-/// ([`Observation::set_noise`]), build again.
+/// Every observation carries its own noise, channel by channel. For iteratively reweighted least squares,
+/// write a loop around this type: solve, widen the [`vsf_core::Noise`] of the channels with large residuals
+/// ([`Observation::set_noise`]), and build again.
 ///
 /// ```
 /// use vsf_core::{Belief, Noise, Observation};
@@ -116,13 +120,14 @@ fn finite_evidence(log_evidence: f64) -> Result<f64, CoreError> {
 }
 
 impl<'a> BatchMap<'a> {
-    /// Takes in the observations of all sequences, of a field of `field_len` points. What is one
-    /// sequence is left out as a whole by [`BatchFit::leave_one_out`]. Observations without
-    /// contacts only speak of the noise.
+    /// Builds the problem from the observations of all sequences, for a field of `field_len` points.
+    ///
+    /// [`BatchFit::leave_one_out`] leaves out one sequence at a time, as a whole. Observations without
+    /// contacts carry information about the noise only.
     ///
     /// # Errors
-    /// More points than [`RestPoints`] can have, an observation that reaches beyond the field, too many touched points for a dense
-    /// matrix (32768 with as many rows), an overflow of the normal equations.
+    /// More points than [`RestPoints`] can have, an observation that reaches beyond the field, too many
+    /// touched points for a dense matrix (32768 with as many rows), an overflow of the normal equations.
     pub fn new(
         field_len: usize,
         sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
@@ -130,10 +135,11 @@ impl<'a> BatchMap<'a> {
         Self::build(field_len, sequences.into_iter().collect(), None)
     }
 
-    /// As [`BatchMap::new`] of copies of the observations that all have this noise.
+    /// Like [`BatchMap::new`], but with the given noise in place of the noise of every observation.
     ///
     /// # Errors
-    /// As [`BatchMap::new`]; noise of another dimension, or so small that a reading overflows in it.
+    /// As [`BatchMap::new`]. Also noise of another dimension, or noise so small that a reading overflows
+    /// when it is whitened.
     pub fn with_noise(
         field_len: usize,
         sequences: impl IntoIterator<Item = &'a [Observation<f64>]>,
@@ -209,20 +215,21 @@ impl<'a> BatchMap<'a> {
         })
     }
 
-    /// The touched points, increasing.
+    /// The touched points, in increasing order.
     pub fn points(&self) -> &[u32] {
         &self.points
     }
 
-    /// The non-negative optimum under a prior, with every observation's noise sd multiplied by
+    /// Finds the non-negative optimum under a prior. The noise sd of every observation is multiplied by
     /// `noise_scale` (> 0).
     ///
-    /// Means of the prior hold with all of its correlations; with a correlated prior the touched
-    /// points' covariance is inverted, `O(n³)` time.
+    /// All correlations of the prior are used. With a correlated prior the covariance of the touched points
+    /// is inverted, which takes `O(n³)` time.
     ///
     /// # Errors
     /// A prior of another size than the field or that correlates more than 32768 touched points, a noise
-    /// scale that is not positive and finite, normal equations that are not positive definite to rounding, an overflow.
+    /// scale that is not positive and finite, normal equations that are not positive definite because of
+    /// rounding, an overflow.
     pub fn solve(&self, prior: &FieldPrior, noise_scale: f64) -> Result<BatchFit<'_>, CoreError> {
         let precision = self.check(prior, noise_scale)?;
         let problem = self.problem(prior, &precision, noise_scale)?;
@@ -237,9 +244,10 @@ impl<'a> BatchMap<'a> {
         ))
     }
 
-    /// Log marginal likelihood of all readings, `log N(tau; W m, W C W^T + s² R)`: the evidence for
-    /// prior and noise, by which their values can be compared. `K >= 0` is not imposed: the model
-    /// is Gaussian, so that the number is exact.
+    /// Log marginal likelihood (evidence) of all readings, `log N(tau; W m, W C W^T + s² R)`.
+    ///
+    /// Use it to compare values of the prior and of the noise. It is exact for the Gaussian model, which
+    /// does not impose `K >= 0`.
     ///
     /// Costs one factorization of all touched points (two with a correlated prior).
     ///
@@ -254,13 +262,15 @@ impl<'a> BatchMap<'a> {
         finite_evidence(-0.5 * (evidence.log_det + evidence.exponent))
     }
 
-    /// The factor by which all standard deviations, those of `prior` and those of the noise, have to
-    /// be multiplied for the greatest evidence, and the log evidence then. In closed form, at the
-    /// cost of [`BatchMap::log_evidence`]. The factor leaves the optimum where it is.
+    /// The common scale of all standard deviations that maximizes the evidence, and the log evidence at
+    /// that scale.
+    ///
+    /// The scale multiplies the standard deviations of `prior` and those of the noise alike, so it leaves
+    /// the optimum where it is. It is computed in closed form, at the cost of [`BatchMap::log_evidence`].
     ///
     /// # Errors
-    /// As [`BatchMap::solve`]; no readings, and readings that the mean of the prior predicts without error, have no
-    /// greatest evidence.
+    /// As [`BatchMap::solve`]. Also if there is no maximum: without readings, or if the mean of the prior
+    /// predicts all readings without error.
     pub fn best_scale(
         &self,
         prior: &FieldPrior,

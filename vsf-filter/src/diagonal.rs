@@ -9,22 +9,24 @@ use vsf_core::{
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum DiagonalForm {
-    /// With `S = W v W^T + R`, the gain `v W^T S^-1`: the exact posterior mean of one observation. The
-    /// variances lie between eq. 7's and the exact ones of one observation: with
+    /// Gain `v W^T S^-1` with `S = W v W^T + R`: the exact posterior mean of one observation.
+    ///
+    /// The variances lie between those of eq. 7 and the exact ones of one observation: with
     /// `h = w^T (R + c W v W^T)^-1 w`, `v' = v (1 - c v h) / (1 + (1 - c) v h)`, c = 0.05.
     ///
-    /// With c = 0, eq. 7, a point learns as if all others were known: where many are touched together, variances
-    /// become far too small, and later readings count too little. With c = 1, the exact variances, the filter
-    /// forgets, for want of correlations, what it was told of the points together, and follows every
-    /// reading, also those that contradict each other.
+    /// With c = 0 (eq. 7), a point learns as if all others were known. Where many points are touched
+    /// together, variances become far too small, and later readings count too little. With c = 1 (the exact
+    /// variances), the filter lacks the correlations between points and so forgets what earlier readings
+    /// said of them jointly. It then follows every reading, even those that contradict each other.
     #[default]
     Innovation,
-    /// Variances by eq. 7, `1/v' = 1/v + w^T R^-1 w`, and these in the gain: a more careful step
-    /// (OpenVSF's form).
+    /// Variances by eq. 7, `1/v' = 1/v + w^T R^-1 w`, which then also enter the gain: a more cautious step
+    /// (the form of OpenVSF).
     InnovationUpdated,
-    /// Eq. 7 as printed, gain `v' W^T R^-1`: every point is corrected by the whole residual.
-    /// It diverges when an eigenvalue of `W v' W^T R^-1` exceeds 2: stable for the paper's prior
-    /// (sd 0.1 N/m, sigma_tau 1 N m), not in general.
+    /// Eq. 7 as printed, with gain `v' W^T R^-1`: every point is corrected by the whole residual.
+    ///
+    /// It diverges when an eigenvalue of `W v' W^T R^-1` exceeds 2. It is stable for the prior of the paper
+    /// (sd 0.1 N/m, sigma_tau 1 N m), but not in general.
     Printed,
 }
 
@@ -40,14 +42,14 @@ impl DiagonalForm {
 
 /// Projected diagonal Kalman filter: one independent Gaussian per point (eq. 6-7).
 ///
-/// An update costs `O(d² n)` time for `n` touched points and `d` channels, whatever the size of
-/// the field, and allocates nothing after its first use at a given size.
+/// An update costs `O(d² n)` time for `n` touched points and `d` channels, whatever the size of the field.
+/// It allocates only at its first use at a given size.
 ///
-/// In `f32` variances are right to a percent where one reading alone makes a point known up to a millionth of its
-/// prior's variance (`v w² / R` below 1e6); beyond, take `f64`.
+/// In `f32`, variances are accurate to a percent as long as one reading reduces the variance of a point to
+/// no less than a millionth of its prior (`v w² / R` below 1e6). Use `f64` beyond that.
 ///
-/// Points that were touched together are in truth correlated afterward; this filter does not
-/// know it. Use [`crate::MemoryReplay`] to make up for it, as the paper does.
+/// Points that were touched together are correlated afterward, but this filter does not represent
+/// correlations. Use [`crate::MemoryReplay`] to compensate, as the paper does.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DiagonalKalman<T: Scalar> {
@@ -77,12 +79,12 @@ pub(crate) struct Correction<T> {
 }
 
 impl<T: Scalar> DiagonalKalman<T> {
-    /// A filter that starts from `prior`, in the default form.
+    /// Creates a filter that starts from `prior`, in the default form.
     pub fn new(prior: Belief<T>) -> Self {
         Self::with_form(prior, DiagonalForm::default())
     }
 
-    /// A filter in a given form.
+    /// Creates a filter with the given form of the update.
     pub fn with_form(prior: Belief<T>, form: DiagonalForm) -> Self {
         Self {
             belief: prior,

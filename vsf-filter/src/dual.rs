@@ -17,11 +17,12 @@ mod state;
 pub struct DualConfig {
     /// Past observations replayed after every update, up to a million; default 20.
     pub replays: usize,
-    /// Seed of the draws, default 0. Same seed, same result, bit for bit.
+    /// Seed of the random draws, default 0. The same seed gives the same result, bit for bit.
     pub seed: u64,
-    /// Upper bound of the memory held by past observations (bytes), default 256 MiB. When it is
-    /// reached, random ones leave, so that the buffer stays a uniform sample of the history. One
-    /// observation is always kept, however large. Memory is reused and never shrinks.
+    /// Upper bound on the memory held by past observations (bytes), default 256 MiB.
+    ///
+    /// When it is reached, random observations are removed, so that the buffer stays a uniform sample of
+    /// the history. One observation is always kept, however large. Memory is reused and never shrinks.
     pub byte_budget: usize,
 }
 
@@ -35,50 +36,49 @@ impl Default for DualConfig {
     }
 }
 
-/// Memory replay in dual form: its means come down to the constrained optimum, what [`crate::BatchMap`]
-/// finds over all observations for a prior of independent points.
+/// Memory replay in dual form. Its means converge to the constrained optimum that [`crate::BatchMap`] finds
+/// from all observations, for a prior of independent points.
 ///
-/// The optimum over `K >= 0` of a prior `N(mu, diag(p))` and observations `tau_j = W_j K + n_j`,
-/// `n_j ~ N(0, R_j)`, is `K = max(0, z)` with `z = mu + p sum_j W_j^T a_j`, where the multipliers
-/// `a_j` (one per channel) maximize the dual problem. A replay takes one observation and moves
-/// its multipliers uphill,
-///
+/// Given a prior `N(mu, diag(p))` and observations `tau_j = W_j K + n_j` with `n_j ~ N(0, R_j)`, the
+/// optimum over `K >= 0` is `K = max(0, z)` with `z = mu + p sum_j W_j^T a_j`. The multipliers `a_j` (one
+/// per channel) maximize the dual problem. A replay takes one observation and moves its multipliers uphill:
 /// ```text
 /// delta = (R_j + W_j diag(p) W_j^T)^-1 (tau_j - W_j K - R_j a_j),   a_j += delta,   z += p W_j^T delta
 /// ```
 ///
-/// which is the exact step where no point is at zero, and never too long where some are. So a
-/// replay undoes what an observation said before and says it anew, where [`crate::MemoryReplay`] says
-/// it again: however often it is drawn, it counts once. The matrix of the step is factored when the
-/// observation comes; a replay then streams over `W_j` twice, `O(d n)`.
+/// This step is exact where no point is at zero, and never too long where some are. A replay thus replaces
+/// the earlier contribution of an observation. However often an observation is drawn, it counts once,
+/// whereas [`crate::MemoryReplay`] adds it again at every draw. The matrix of the step is factored when the
+/// observation arrives; a replay then streams over `W_j` twice, `O(d n)`.
 ///
-/// The belief reports the variances of the [`DiagonalKalman`], which takes in every
-/// observation once; they leave out that points which were touched together are correlated. The field is
-/// taken to be constant: [`Estimator::diffuse`] is refused.
+/// The variances of the belief are those of a [`DiagonalKalman`] that takes in every observation once. They
+/// ignore the correlations between points that were touched together. The field is assumed constant:
+/// [`Estimator::diffuse`] is refused.
 ///
-/// # How fast it comes down
-/// The sooner, the less precise readings are beside what the prior leaves open of them. On seven of eight
-/// campaigns of joint torques with some 100 contacts (see `RESULTS.md` of the repository), 20 replays
-/// end with the test error of the optimum to 2 %. Where every reading is precise and feels the same
-/// points as others, as under a plate that goes down, they do not suffice: the field lags behind, is
-/// unsteady, and goes too far where readings contradict each other by more than their noise. There
-/// [`crate::MemoryReplay`] is better, for the first thousands of readings or for good. More replays help,
-/// and noise that includes the error of the model; few points are a case for
-/// [`crate::CovarianceFilter`].
+/// # Convergence
+/// Convergence is faster the less precise the readings are relative to the prior uncertainty of what they
+/// measure. On seven of eight campaigns of joint torques with some 100 contacts (see `RESULTS.md` of the
+/// repository), 20 replays reach the test error of the optimum to within 2 %.
+///
+/// 20 replays are not enough where every reading is precise and feels the same points as others, as under a
+/// plate that is pressed down. There the field lags behind, is unsteady, and overshoots where readings
+/// contradict each other by more than their noise. In that case [`crate::MemoryReplay`] is better, for the
+/// first thousands of readings or for good. More replays help, and so does noise that includes the model
+/// error. For few points use [`crate::CovarianceFilter`].
 ///
 /// # Memory
-/// When observations exceed [`DualConfig::byte_budget`], random ones leave: their multipliers stay as they
-/// are, so that the field keeps what they taught but is no longer held to it. A new reading that finds
-/// no room moves the field once. The optimum is reached only while nothing has left; from then on the error levels
-/// off at about what the readings in memory allow.
+/// When observations exceed [`DualConfig::byte_budget`], random ones are removed. Their multipliers stay as
+/// they are: the field keeps what they taught but is no longer tied to it. A new reading that does not fit
+/// into the buffer moves the field once. The optimum is reached only as long as nothing has been removed.
+/// From then on the error levels off at about what the readings in memory allow.
 ///
 /// # Errors
-/// When an update fails, nothing has changed, bit for bit. A replay whose result would not be finite is
-/// left out.
+/// When an update fails, the state is unchanged, bit for bit. A replay whose result would not be finite is
+/// skipped.
 ///
 /// # Reference
 /// S. Shalev-Shwartz, T. Zhang, *Stochastic Dual Coordinate Ascent Methods for Regularized Loss
-/// Minimization*, JMLR 14, 2013; blocks and bounds are those of vector-valued losses.
+/// Minimization*, JMLR 14, 2013; blocks and bounds as for vector-valued losses.
 ///
 /// ```
 /// use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -220,10 +220,10 @@ impl<T: Scalar> Step<T> {
 }
 
 impl<T: Scalar> DualReplay<T> {
-    /// A filter that starts from `prior`.
+    /// Creates a filter that starts from `prior`.
     ///
     /// # Errors
-    /// A byte budget of zero with replays wanted, more than a million replays.
+    /// A byte budget of zero although replays are requested, or more than a million replays.
     pub fn new(prior: Belief<T>, config: DualConfig) -> Result<Self, CoreError> {
         check_sizes(config.replays, config.byte_budget)?;
         Ok(Self {

@@ -1,4 +1,5 @@
-//! Which unknowns of a linear complementarity problem change sides, those that are free and those at their bound.
+//! Chooses which unknowns of a linear complementarity problem change sides, between free and held at the
+//! bound.
 
 /// Exchanges of the whole wrong set that may fail to make it smaller before single exchanges guarantee the end.
 const PATIENCE: usize = 10;

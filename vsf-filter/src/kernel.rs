@@ -1,5 +1,5 @@
-//! Streaming passes over an observation matrix, with the vector instructions that are found at run
-//! time. Sums run over fixed lanes and blocks: they give the same bits on every machine.
+//! Streaming passes over an observation matrix, with the vector instructions detected at run time. Sums run
+//! over fixed lanes and blocks, so they give the same bits on every machine.
 
 use crate::lanes::{Lanes, dispatch, products, scale};
 use crate::values::gather;

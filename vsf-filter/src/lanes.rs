@@ -1,5 +1,5 @@
-//! Sums of products of rows, in vector registers. The width of the vectors is found at run time;
-//! sums run over fixed lanes, with every product rounded, so that results do not depend on it.
+//! Sums of products of rows, in vector registers. The width of the vectors is detected at run time. Sums
+//! run over fixed lanes, with every product rounded, so that results do not depend on the width.
 
 use pulp::{Arch, Scalar128b, Simd, WithSimd};
 use vsf_core::Scalar;

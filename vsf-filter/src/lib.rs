@@ -3,25 +3,26 @@
 //! | estimator | belief | cost of an update |
 //! | --- | --- | --- |
 //! | [`DiagonalKalman`] | independent points (eq. 6-7) | `O(d² n)` for n contacts, d channels |
-//! | [`MemoryReplay`] | as the estimator inside it, which sees past observations again (Alg. 1) | `1 + T_replay` updates |
-//! | [`DualReplay`] | independent points; means come down to the constrained optimum, past observations count once | two updates, and `O(d n)` for each replay; a constant field |
-//! | [`RobustNoise`] | as the estimator inside it, with the noise of outliers inflated | one prediction more |
-//! | [`CovarianceFilter`] | exact: all touched points with their correlations, and the constrained optimum | `O(d n²)`, n points ever touched |
-//! | [`InformationFilter`] | the same by the precision matrix (eq. 5), an oracle | `O(n³)` |
+//! | [`MemoryReplay`] | that of the wrapped estimator, which takes in past observations again (Alg. 1) | `1 + T_replay` updates |
+//! | [`DualReplay`] | independent points, constant field; tends to the constrained optimum | two updates, `O(d n)` per replay |
+//! | [`RobustNoise`] | that of the wrapped estimator, with the noise of outliers inflated | one more prediction |
+//! | [`CovarianceFilter`] | exact: touched points, correlated; the constrained optimum | `O(d n²)`, n points ever touched |
+//! | [`InformationFilter`] | the same in terms of the precision matrix (eq. 5), an oracle | `O(n³)` |
 //! | [`BatchMap`] | the constrained optimum over all observations, offline | `O(n³)` once, for n touched points |
 //!
-//! All but the last implement [`vsf_core::Estimator`], so that any can stand where another does. They
-//! keep `K >= 0` by projection (eq. 5, last line); the covariance filter's mean is the optimum of the
-//! last, sample by sample. The exact ones take a [`FieldPrior`], which may link points; for the others
-//! points are independent.
+//! All but [`BatchMap`] implement [`vsf_core::Estimator`] and are interchangeable. They keep `K >= 0` by
+//! projection (eq. 5, last line); the mean of the covariance filter is, after every sample, the optimum
+//! that [`BatchMap`] finds. The exact estimators take a [`FieldPrior`], which may correlate points. The
+//! others treat points as independent.
 //!
 //! # Which one
-//! - All at once, offline: [`BatchMap`].
+//! - All data at once, offline: [`BatchMap`].
 //! - Sample by sample, up to a few thousand touched points: [`CovarianceFilter`].
-//! - More points, in a control loop: [`MemoryReplay`] is good after few readings, but counts a past one
-//!   as often as it is drawn. [`DualReplay`] counts it once and comes down to the optimum, soon where noise is
-//!   as large as what the prior leaves open of a reading, late where readings are much more precise. The example
-//!   `long_run` of this workspace shows the former ahead at first and the latter afterward.
+//! - More points, in a control loop: [`MemoryReplay`] or [`DualReplay`]. [`MemoryReplay`] is good after few
+//!   readings, but counts a past reading as often as it is drawn. [`DualReplay`] counts it once and
+//!   converges to the optimum: soon where the noise is as large as the prior uncertainty of a reading, late
+//!   where readings are much more precise. In the example `long_run` of this workspace, the former is ahead
+//!   at first and the latter afterward.
 //!
 //! ```
 //! use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -41,12 +42,12 @@
 //! ```
 //!
 //! # Saving and restoring
-//! With the feature `serde` every estimator but [`InformationFilter`] (whose posterior a
-//! [`CovarianceFilter`] has too) can be written in any format of that framework and read
-//! back; the restored one goes on as if nothing had happened, bit for bit if the format keeps floats
-//! exactly (postcard does, serde_json with its feature `float_roundtrip`). States that no estimator
-//! could have reached are refused. The layout belongs to one version of this crate. Contacts are not
-//! saved: a session is built anew around the restored estimator, between two touches.
+//! With the feature `serde` every estimator but [`InformationFilter`] can be written in any serde format
+//! and read back. ([`CovarianceFilter`] has the same posterior as [`InformationFilter`].) A restored
+//! estimator continues as if nothing had happened, bit for bit if the format preserves floats exactly
+//! (postcard does, serde_json with its feature `float_roundtrip`). States that no estimator could have
+//! reached are refused. The layout belongs to one version of this crate. Contacts are not saved: build a
+//! new session around the restored estimator, between two touches.
 //!
 #![cfg_attr(feature = "serde", doc = "```")]
 #![cfg_attr(not(feature = "serde"), doc = "```ignore")]

@@ -9,16 +9,15 @@ pub(crate) use state::PriorParts;
 
 /// Gaussian prior of a whole field, `K_i = mean_i + level + smooth(p_i) + local_i`:
 ///
-/// - `local_i`, independent of all others, with the variances of a [`Belief`];
-/// - `level`, one number for all points (homogeneous plus heterogeneous: touching one point tells
-///   how stiff the others are);
-/// - `smooth`, a Matérn process in space: neighboring points of real tissue are alike.
+/// - `local_i`: independent for every point, with the variances of a [`Belief`];
+/// - `level`: one number shared by all points (homogeneous plus heterogeneous: touching one point tells how
+///   stiff the others are);
+/// - `smooth`: a Matérn process in space, since neighboring points of real tissue are alike.
 ///
-/// A [`Belief`] alone (uniform, per point, or an earlier field) is a prior too:
-/// `FieldPrior::from(belief)`.
+/// A [`Belief`] alone (uniform, per point, or an earlier field) is a prior too: `FieldPrior::from(belief)`.
 ///
-/// The local part must not vanish: it keeps the covariance positive definite, and what it leaves
-/// room for is stiffness that changes from point to point.
+/// The local part must not vanish. It keeps the covariance positive definite and allows for stiffness that
+/// changes from point to point.
 ///
 /// # Reference
 /// C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes for Machine Learning*, MIT Press 2006,
@@ -42,15 +41,15 @@ pub struct FieldPrior {
     smooth: Option<(Matern, Arc<[Point3<f64>]>)>,
 }
 
-/// A Matérn covariance in space.
+/// A Matérn covariance function in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Matern {
     /// Standard deviation (N/m), > 0.
     pub sd: f64,
-    /// Length over which stiffness stays alike (m), > 0.
+    /// Length scale: the distance over which stiffness stays alike (m), > 0.
     pub length: f64,
-    /// How smooth the field is within that length.
+    /// How smooth the field is within that length scale.
     pub smoothness: Smoothness,
 }
 
@@ -81,7 +80,7 @@ impl Matern {
         Ok(())
     }
 
-    /// Covariance of two places `distance` (m) apart.
+    /// Covariance of two places that are `distance` (m) apart.
     pub fn covariance(&self, distance: f64) -> f64 {
         let nu2: f64 = match self.smoothness {
             Smoothness::Half => 1.0,
@@ -116,7 +115,7 @@ impl<T: Scalar> From<Belief<T>> for FieldPrior {
 }
 
 impl FieldPrior {
-    /// Adds a level shared by all points, of standard deviation `sd` (N/m, >= 0; 0 is none).
+    /// Adds a level that all points share, of standard deviation `sd` (N/m, >= 0; 0 adds none).
     ///
     /// # Errors
     /// A standard deviation that is negative or not finite.
@@ -132,10 +131,10 @@ impl FieldPrior {
         Ok(self)
     }
 
-    /// Adds a part that is smooth over the rest points.
+    /// Adds a part that varies smoothly in space over the rest points.
     ///
     /// # Errors
-    /// A parameter that is not positive and finite, another number of points than the field's.
+    /// A parameter that is not positive and finite, or a number of points other than the field's.
     pub fn with_smooth(mut self, matern: Matern, rest: &RestPoints) -> Result<Self, CoreError> {
         matern.check()?;
         CoreError::check_len("rest points", rest.len(), self.len())?;
@@ -148,12 +147,12 @@ impl FieldPrior {
         self.mean.len()
     }
 
-    /// True without points.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.mean.is_empty()
     }
 
-    /// Whether points are independent of each other, so that a touch says nothing about the others.
+    /// Whether points are independent, so that touching one says nothing about the others.
     pub fn is_independent(&self) -> bool {
         self.level_variance == 0.0 && self.smooth.is_none()
     }
@@ -200,10 +199,10 @@ impl FieldPrior {
         self.level_variance + smooth + local
     }
 
-    /// Mean and whole variance of every point.
+    /// Marginal mean and total variance of every point.
     ///
     /// # Errors
-    /// A variance beyond the range of numbers.
+    /// A variance that is not representable.
     pub fn marginals(&self) -> Result<Belief<f64>, CoreError> {
         let smooth = self.smooth.as_ref().map_or(0.0, |(m, _)| m.sd * m.sd);
         let shared = self.level_variance + smooth;

@@ -9,39 +9,43 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, Up
 #[cfg(feature = "serde")]
 mod state;
 
-/// What happens to the variances when an observation is taken in again.
+/// What happens to the variances when a past observation is replayed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ReplayVariance {
-    /// They stay: an observation shrinks them once, however often the means are fitted to it. The default. The
-    /// filter stays somewhat overconfident, as the diagonal filter is by itself, because it leaves
-    /// out correlations: on well-specified data the normalized innovation squared is 1.45 times its
-    /// dof with 20 replays, 2.3 times without (`tests/filter/replay.rs`).
+    /// Replays leave them alone (default): an observation shrinks the variances once, however often the
+    /// means are fitted to it.
+    ///
+    /// The filter stays somewhat overconfident, as the diagonal filter is by itself, because it ignores
+    /// correlations. On well-specified data the normalized innovation squared (NIS) is 1.45 times its dof
+    /// with 20 replays and 2.3 times without (`tests/filter/replay.rs`).
     #[default]
     Keep,
-    /// They shrink every time (Alg. 1 as printed). The filter then believes to have seen
-    /// `1 + T_replay` times the data and becomes overconfident.
+    /// Replays shrink them every time (Alg. 1 as printed). The filter acts as if it had seen `1 + T_replay`
+    /// times the data and becomes overconfident.
     Shrink,
 }
 
-/// An estimator that can take in an observation again, the building block of [`MemoryReplay`].
+/// An estimator that can take in an observation again: the building block of [`MemoryReplay`].
 ///
-/// Its belief is all that it learns: marginals without correlations, so that writing back earlier
-/// marginals undoes a correction. `Box<dyn Revisit<Scalar = T>>` is one as well, to choose at run time.
+/// Its belief must be its whole state: marginals without correlations, so that writing back earlier
+/// marginals undoes a correction. `Box<dyn Revisit<Scalar = T>>` implements the trait too, for a choice at
+/// run time.
 pub trait Revisit: Estimator {
-    /// One correction without projection. With [`ReplayVariance::Keep`] only the means move.
-    /// Nothing but the touched points changes.
+    /// Makes one correction without projection. With [`ReplayVariance::Keep`] only the means change. Points
+    /// that `obs` does not touch stay as they are.
     ///
     /// # Errors
-    /// As [`Estimator::update`]; the belief is then unchanged. `postfit` and `projected` of the
-    /// report are not filled in.
+    /// As [`Estimator::update`]; the belief is then unchanged.
+    ///
+    /// `postfit` and `projected` of the report are not filled in.
     fn correct(
         &mut self,
         obs: &Observation<Self::Scalar>,
         variance: ReplayVariance,
     ) -> Result<UpdateReport, CoreError>;
 
-    /// The belief, to project it or to undo corrections.
+    /// Mutable access to the belief, to project it or to undo corrections.
     fn belief_mut(&mut self) -> &mut Belief<Self::Scalar>;
 }
 
@@ -80,20 +84,25 @@ const MOST_REPLAYS: usize = 1_000_000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReplayConfig {
-    /// Past observations replayed after every update, T_replay, up to a million; default 20 (paper).
+    /// Number of past observations replayed after every update (T_replay), up to a million; default 20
+    /// (paper).
     pub replays: usize,
     /// Variances under replay; default [`ReplayVariance::Keep`].
     pub variance: ReplayVariance,
-    /// Seed of the draws, default 0. Same seed, same result, bit for bit.
+    /// Seed of the random draws, default 0. The same seed gives the same result, bit for bit.
     pub seed: u64,
-    /// Upper bound of the memory held by past observations (bytes), default 256 MiB. When it is
-    /// reached, new observations replace random old ones so that the buffer stays a uniform
-    /// sample of the history. One observation is always kept, however large. Memory is reused
-    /// and never shrinks, so that an observation counts with the largest one it replaced. An update allocates while the buffer
-    /// fills, and later where an observation is larger than all that its place has held.
+    /// Upper bound on the memory held by past observations (bytes), default 256 MiB.
+    ///
+    /// When it is reached, new observations replace random old ones, so that the buffer stays a uniform
+    /// sample of the history. One observation is always kept, however large. Memory is reused and never
+    /// shrinks: an observation counts with the size of the largest one that it replaced. An update
+    /// allocates while the buffer fills, and later where an observation is larger than all that were in its
+    /// place.
     pub byte_budget: usize,
-    /// Whether a new touch sequence empties the buffer, default false. The paper empties it,
-    /// which bounds memory; here the byte budget does, and earlier touches are not forgotten.
+    /// Whether a new touch sequence empties the buffer, default false.
+    ///
+    /// The paper empties it, which bounds memory. Here the byte budget bounds it, so earlier touches need
+    /// not be forgotten.
     pub clear_on_sequence: bool,
 }
 
@@ -130,24 +139,24 @@ pub(crate) fn check_sizes(replays: usize, byte_budget: usize) -> Result<(), Core
 
 /// Memory replay (Alg. 1): after each update, random past observations are taken in again.
 ///
-/// Means are projected to `K >= 0` once at the end of an update (Alg. 1 can also be read as
-/// projecting after every replay, as eq. 7 does). Observations without contacts
-/// say nothing about the field and are not stored; during them the past is replayed all the same.
-/// A reading that is replayed is fitted again, so that in the end the means follow the readings,
-/// whatever the prior says ([`crate::DualReplay`] counts it once). An update costs `1 + replays`
-/// corrections. Memory of past observations is reused, also across
-/// sequences.
+/// An update costs `1 + replays` corrections. Means are projected to `K >= 0` once at the end of an update.
+/// (Alg. 1 can also be read as projecting after every replay, as eq. 7 does.) Observations without contacts
+/// say nothing about the field and are not stored, but past ones are replayed then as well. The memory of
+/// past observations is reused, also across sequences.
 ///
-/// When an update fails, the belief is as before, bit for bit, and the observation is not in the
-/// buffer; those that made room for it stay out, and the draws go on from where they were.
+/// Every replay fits a reading once more, so in the end the means follow the readings, whatever the prior
+/// says. [`crate::DualReplay`] counts each reading once.
+///
+/// When an update fails, the belief is as before, bit for bit, and the observation is not in the buffer.
+/// Observations that were removed to make room for it stay removed, and the random draws continue from
+/// where they were.
 ///
 /// # A field that changes
-/// A past reading describes a field that has moved since ([`Estimator::diffuse`]). When it is
-/// replayed after steps of total variance `Q`, its noise is `R + Q W W^T`: what it says of the field
-/// now, if nothing else is known. Readings share their steps, though, and many old ones together
-/// would hold the field back; once `Q W W^T` is more than three times the noise of a channel, the
-/// observation has faded and leaves the buffer. Noise is brought up to date when an observation is
-/// drawn, so that `diffuse` stays O(N).
+/// A past reading describes an earlier state of a field that changes ([`Estimator::diffuse`]). When it is
+/// replayed after steps of total variance `Q`, its noise is `R + Q W W^T`, which is right if nothing else
+/// is known of the present field. Many old readings share the same steps, however, and together would hold
+/// the field back. Therefore an observation leaves the buffer once `Q W W^T` exceeds three times the noise
+/// of a channel. The noise is updated when an observation is drawn, so that `diffuse` stays O(N).
 #[derive(Debug, Clone)]
 #[cfg_attr(
     feature = "serde",
@@ -205,7 +214,7 @@ impl<E: Revisit> MemoryReplay<E> {
     /// Wraps an estimator.
     ///
     /// # Errors
-    /// A byte budget of zero with replays wanted, more than a million replays.
+    /// A byte budget of zero although replays are requested, or more than a million replays.
     pub fn new(inner: E, config: ReplayConfig) -> Result<Self, CoreError> {
         check_sizes(config.replays, config.byte_budget)?;
         Ok(Self {
@@ -228,17 +237,17 @@ impl<E: Revisit> MemoryReplay<E> {
         &self.config
     }
 
-    /// The estimator inside.
+    /// The wrapped estimator.
     pub fn inner(&self) -> &E {
         &self.inner
     }
 
-    /// The estimator inside, to reconfigure it between updates.
+    /// The wrapped estimator, to reconfigure it between updates.
     pub fn inner_mut(&mut self) -> &mut E {
         &mut self.inner
     }
 
-    /// Takes the estimator out.
+    /// Returns the wrapped estimator.
     pub fn into_inner(self) -> E {
         self.inner
     }
@@ -248,9 +257,10 @@ impl<E: Revisit> MemoryReplay<E> {
         self.buffer.len()
     }
 
-    /// Takes in `obs` and then the buffered observations `replays`, in this order: an update whose
-    /// draws are given, to repeat a run from elsewhere. `obs` itself is the last of the buffer if
-    /// it was stored.
+    /// Takes in `obs`, then the buffered observations with the indices `replays`, in this order.
+    ///
+    /// This is an update with given instead of random draws, such as to reproduce another run. If `obs` was
+    /// stored, it is the last one in the buffer.
     ///
     /// # Errors
     /// As [`Estimator::update`], or an index beyond the buffer.

@@ -10,20 +10,20 @@ mod state;
 /// Weights stay above this, so that inflated noise stays finite.
 const MIN_WEIGHT: f64 = 1e-30;
 
-/// How much a reading counts, by its residual `z = |r| / s` in predicted standard deviations.
+/// Loss that sets the weight of a reading by its residual `z = |r| / s`, in predicted standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum RobustLoss {
-    /// `min(1, k / z)`: full weight up to `k`, a bounded pull beyond. Of good readings it
-    /// down-weights those with `z > k`, 18 % at `k` = 1.345, and loses 5 % of efficiency.
+    /// `min(1, k / z)`: full weight up to `k`, a bounded influence beyond. At `k` = 1.345 it down-weights
+    /// 18 % of good readings (those with `z > k`) and loses 5 % of efficiency.
     Huber {
-        /// Where the bound begins, > 0; default 1.345.
+        /// Threshold of full weight, > 0; default 1.345.
         k: f64,
     },
-    /// `min(1, (nu + 1) / (nu + z²))`: the farther out, the less pull. For gross errors, and for a
-    /// channel that is wrong all the time. Of good readings it down-weights those with `z > 1`,
-    /// 32 %, though slightly.
+    /// `min(1, (nu + 1) / (nu + z²))`: the farther out a reading, the less its influence. For gross errors,
+    /// and for a channel that is wrong all the time. It down-weights 32 % of good readings (those with
+    /// `z > 1`), though only slightly.
     StudentT {
         /// Degrees of freedom, > 0; 4 is customary. The smaller, the heavier the tails.
         nu: f64,
@@ -36,7 +36,7 @@ impl RobustLoss {
     /// Student's t with `nu` = 4.
     pub const STUDENT_T: Self = Self::StudentT { nu: 4.0 };
 
-    /// The weight, in (0, 1], of a residual of `z` predicted standard deviations.
+    /// Weight in (0, 1] of a residual of `z` predicted standard deviations.
     pub fn weight(&self, z: f64) -> f64 {
         let z = z.abs();
         let weight = match *self {
@@ -70,40 +70,44 @@ impl Default for RobustLoss {
     }
 }
 
-/// Makes any estimator robust against outliers in the readings: spikes, a joint whose sensor sticks.
+/// Wraps any estimator to make it robust against outliers in the readings, such as spikes or a stuck
+/// sensor.
 ///
-/// Before an update every channel is compared with its prediction. A residual of `z` predicted
-/// standard deviations `s` gets a weight `omega` ([`RobustLoss`]), and the channel's noise grows until
-/// its innovation variance is `s² / omega`: covariances become `R_ij / sqrt(omega_i omega_j)`, and the
-/// diagonal takes `(s_i² - R_ii) (1 / omega_i - 1)` more, for what the field leaves uncertain. With
-/// the former alone an outlier would pass unhindered wherever points are touched for the first time.
-/// One channel alone now shifts its prediction by at most `k` predicted standard deviations (Huber).
-/// Readings of full weight go to the estimator inside as they are.
+/// Before an update every channel is compared with its prediction. A residual of `z` predicted standard
+/// deviations `s` gets a weight `omega` ([`RobustLoss`]). The noise of the channel is inflated until its
+/// innovation variance is `s² / omega`: covariances `R_ij` become `R_ij / sqrt(omega_i omega_j)`, and the
+/// diagonal gains another `(s_i² - R_ii) (1 / omega_i - 1)` for the uncertainty of the field. Without this
+/// term, an outlier would pass unhindered wherever points are touched for the first time.
+///
+/// As a result, one channel alone shifts its prediction by at most `k` predicted standard deviations
+/// (Huber). Readings of full weight reach the wrapped estimator unchanged.
 ///
 /// # With memory replay
-/// A [`MemoryReplay`](crate::MemoryReplay) around it has past observations judged anew at every
-/// replay, by all that is known by then (iteratively reweighted least squares): the better way.
-/// A replay inside it remembers every observation with the noise that it was given when it came.
-/// An example (`tests/filter/val_robust.rs`): with 5 % spikes of 60 deviations the field errs by 1.9 N/m
-/// with replay alone, by 0.16 N/m with either, by 0.15 N/m without spikes. With six times less noise,
-/// where first judgments are often wrong: 0.31 N/m with replay alone, 0.03 N/m with the former,
-/// 0.2 to 0.4 N/m with the latter, 0.03 N/m without spikes.
+/// There are two ways to combine both:
+/// - A [`MemoryReplay`](crate::MemoryReplay) around a `RobustNoise` (the better way): every replay weighs a
+///   past observation anew, by all that is known by then (iteratively reweighted least squares).
+/// - A `MemoryReplay` inside: it stores every observation with the noise assigned at its arrival.
+///
+/// Field errors in an example (`tests/filter/val_robust.rs`), with 5 % spikes of 60 deviations: 1.9 N/m
+/// with replay alone, 0.16 N/m with either way, and 0.15 N/m without spikes. With six times less noise,
+/// where first weights are often wrong: 0.31 N/m with replay alone, 0.03 N/m with replay around, 0.2 to 0.4
+/// N/m with replay inside, and 0.03 N/m without spikes.
 ///
 /// # Cost
-/// One [`Estimator::predict`] and, when a weight is below 1, a copy of the observation: together
-/// about a third of an update of [`DiagonalKalman`](crate::DiagonalKalman). Inside a memory replay
-/// also for every replay. Nothing is allocated after warm-up.
+/// One [`Estimator::predict`] and, when a weight is below 1, a copy of the observation: together about a
+/// third of an update of [`DiagonalKalman`](crate::DiagonalKalman). Inside a memory replay every replay
+/// pays this too. Nothing is allocated after warm-up.
 ///
 /// # Limits
-/// - Everything hangs on the predicted deviations. A prior or a noise that is too narrow makes good
-///   readings look like outliers, and learning slows down: watch
-///   [`RobustNoise::downweighted_share`]. So does a filter that is sure of more than it knows, as
-///   [`DiagonalKalman`](crate::DiagonalKalman) without replay is where many points are touched at
-///   once: there this can lose more than it gains.
-/// - What is wrong in most channels, or always in the same way since the first touch, is no outlier.
-/// - With inflated noise, innovations are too small: the mean NIS of good readings is 0.82 of its
-///   dof for [`RobustLoss::HUBER`] and 0.77 for [`RobustLoss::STUDENT_T`], log-likelihoods are not
-///   those of the Gaussian model.
+/// - Everything depends on the predicted deviations. If the prior or the noise is too narrow, good readings
+///   look like outliers and learning slows down: watch [`RobustNoise::downweighted_share`]. An
+///   overconfident filter has the same effect, such as [`DiagonalKalman`](crate::DiagonalKalman) without
+///   replay where many points are touched at once. There this wrapper can lose more than it gains.
+/// - Errors in most channels, or errors that have been the same since the first touch, are not seen as
+///   outliers.
+/// - With inflated noise, innovations are too small: the mean NIS of good readings is 0.82 of its dof for
+///   [`RobustLoss::HUBER`] and 0.77 for [`RobustLoss::STUDENT_T`]. Log-likelihoods are not those of the
+///   Gaussian model.
 ///
 /// # Reference
 /// P. J. Huber, *Robust Estimation of a Location Parameter*, 1964, doi 10.1214/aoms/1177703732.
@@ -244,30 +248,32 @@ impl<E: Estimator> RobustNoise<E> {
         self.loss
     }
 
-    /// The estimator inside.
+    /// The wrapped estimator.
     pub fn inner(&self) -> &E {
         &self.inner
     }
 
-    /// The estimator inside, to reconfigure it between updates.
+    /// The wrapped estimator, to reconfigure it between updates.
     pub fn inner_mut(&mut self) -> &mut E {
         &mut self.inner
     }
 
-    /// Takes the estimator out.
+    /// Returns the wrapped estimator.
     pub fn into_inner(self) -> E {
         self.inner
     }
 
-    /// Weight in (0, 1] of every channel in the last update; empty before the first one. A joint
-    /// whose weight stays small has a sensor that does not fit the field.
+    /// Weight in (0, 1] of every channel in the last update; empty before the first one. If the weight of a
+    /// joint stays small, its sensor does not fit the field.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
 
-    /// Share of all channel readings since the last reset whose weight was below 1; `None` before
-    /// the first update. [`RobustLoss`] says what to expect of good readings. Replays that keep the
-    /// variances are not counted; a reading is, whose update failed in a replay after it.
+    /// Share of all channel readings since the last reset whose weight was below 1; `None` before the first
+    /// update.
+    ///
+    /// [`RobustLoss`] gives the share to expect of good readings. Replays that keep the variances are not
+    /// counted. A reading is counted even if its update then failed in a replay.
     pub fn downweighted_share(&self) -> Option<f64> {
         (self.readings > 0).then(|| self.downweighted as f64 / self.readings as f64)
     }

@@ -1,10 +1,10 @@
 //! Saving and restoring estimators, for the feature `serde`.
 //!
-//! An estimator saves what its next update depends on and no scratch, so that a restored one goes
-//! on bit for bit. How to add one: derive `Serialize` and `Deserialize`, `#[serde(skip)]` the
-//! scratch, and make sure that nothing comes in which the constructor would refuse. Beliefs, noise
-//! and observations check themselves; fields that must fit each other are read as a struct of parts
-//! and put together by `TryFrom`, as in `robust/state.rs`. Then add it to `tests/filter/state.rs`.
+//! An estimator saves all that its next update depends on, and no scratch, so that a restored one continues
+//! bit for bit. To add one: derive `Serialize` and `Deserialize`, `#[serde(skip)]` the scratch, and make
+//! sure that nothing is read that the constructor would refuse. Beliefs, noise and observations check
+//! themselves. Fields that must be consistent with each other are read as a struct of parts and converted
+//! by `TryFrom`, as in `robust/state.rs`. Then add the estimator to `tests/filter/state.rs`.
 
 use rand_pcg::Pcg64Mcg;
 use serde::de::Error;

@@ -1,4 +1,4 @@
-//! Values of points: those of touched ones copied out and back, checked, cut off at zero.
+//! Values of points: gather and scatter those of touched points, check them, clamp them at zero.
 
 use vsf_core::Scalar;
 

@@ -8,38 +8,42 @@ pub use mlp::MlpConfig;
 use vsf_data::Sequence;
 use vsf_vision::{GaussianProcess, GpConfig, KnnConfig, KnnRegressor, Width};
 
-/// Predictors that know nothing of contact, to stand beside a field: the baselines of Yao & Hauser
-/// (section IV-C). They learn from the train samples once.
+/// Baseline predictors that know nothing of contact, to compare a field with (Yao & Hauser, section IV-C).
+/// They learn from the train samples once.
 ///
-/// All but [`Baseline::Zero`] are regressions of the joint torques on `(q, r, k)`: the joint
-/// positions, the place of the end effector and its axis of rotation, `d + 6` numbers (13 for an arm
-/// of 7 joints). The end effector is the link that most joints move (of several the last one), `r`
-/// the origin of its frame (m) and `k` the axis of the last joint that moves it, both in world; the
-/// paper says "center position" and "rotation axis" and nothing more.
+/// All but [`Baseline::Zero`] are regressions of the joint torques on the features `(q, r, k)`: `d + 6`
+/// numbers for `d` joints (13 for an arm of 7 joints).
+/// - `q`: the joint positions.
+/// - `r`: the origin of the end effector's frame (m), in the world frame. The end effector is the link that
+///   most joints move (of several the last one).
+/// - `k`: the axis of the last joint that moves it, in the world frame.
 ///
-/// Each is scaled to mean 0 and standard deviation 1 over the train samples. Those that hardly change
-/// there are left out, with less than 1 % of the deviation (rad, m or 1) of the one that changes
-/// most: a hand that keeps its direction has an axis of rounding errors, which scaling would make as
-/// large as all else.
+/// The paper says "center position" and "rotation axis" and nothing more.
+///
+/// Each feature is scaled to mean 0 and standard deviation 1 over the train samples. Features whose
+/// deviation is less than 1 % of the largest one (in rad, m or 1) are left out. The axis of a hand that
+/// keeps its direction, for example, consists of rounding errors, which scaling would make as large as all
+/// else.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Baseline {
-    /// No torque at all.
+    /// Predicts zero torque.
     Zero,
-    /// For each joint a [`KnnRegressor`]: the mean of the `k` nearest train samples with RBF weights.
-    /// The width of the RBF is the median distance of the train samples to their neighbors; the
-    /// paper gives none.
+    /// One [`KnnRegressor`] per joint: the mean of the `k` nearest train samples with RBF weights.
+    ///
+    /// The width of the RBF is the median distance of the train samples to their neighbors, since the paper
+    /// gives none.
     Knn {
-        /// Number of neighbors, at least 1, 50 in the paper; fewer samples than that are all used.
+        /// Number of neighbors, at least 1, 50 in the paper. If there are fewer samples, all are used.
         k: usize,
     },
-    /// A multilayer perceptron, by default of the size among the paper's that does best.
+    /// A multilayer perceptron. By default its size is the best of those in the paper.
     Mlp(MlpConfig),
-    /// For each joint a [`GaussianProcess`] with a Matérn 3/2 kernel, at which the paper's search
-    /// among kernels ended, and parameters of greatest marginal likelihood.
+    /// One [`GaussianProcess`] per joint, with a Matérn 3/2 kernel (the result of the paper's kernel
+    /// search) and parameters of maximum marginal likelihood.
     Gp {
-        /// Most train samples that are used, at least 2; of more an even choice is taken. 1500 keeps
-        /// the `O(n³)` within seconds.
+        /// Largest number of train samples that are used, at least 2. Of more, an even selection is used.
+        /// With 1500 the `O(n³)` time stays within seconds.
         max_samples: usize,
     },
 }
@@ -52,12 +56,12 @@ struct Predicted {
 }
 
 impl Baseline {
-    /// Predicts the readings of `test` from those of `train`, with standard deviations by
-    /// [`Baseline::Knn`] and [`Baseline::Gp`]. The result does not depend on the number of threads.
+    /// Predicts the readings of `test` from those of `train`. [`Baseline::Knn`] and [`Baseline::Gp`] also
+    /// give standard deviations. The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// No train sequence, but for [`Baseline::Zero`]; fewer than 2 train samples; parameters out of
-    /// range; positions or torques that cannot be taken.
+    /// No train sequence (except for [`Baseline::Zero`]), fewer than 2 train samples, parameters out of
+    /// range, or positions or torques that cannot be used.
     pub fn predict(
         &self,
         scene: &Scene,

@@ -10,7 +10,7 @@ use vsf_core::{
 };
 use vsf_robots::{JointTorques, RobotModel, kinova_gen3};
 
-/// What [`bench()`] runs.
+/// Options of [`bench()`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BenchOptions {
     /// Number of rest points in a cube of 0.33 m, default 100,000. It is rounded to a cube number.
@@ -41,12 +41,12 @@ pub struct StageTimes {
     pub p99_ms: f64,
 }
 
-/// The last [`LOADED_STEPS`] steps of the push, which have the most contacts.
+/// Times of the last [`LOADED_STEPS`] steps of the push, which have the most contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Loaded {
     /// Mean number of contacts.
     pub contacts: f64,
-    /// Steps per second, from the mean.
+    /// Steps per second, from the mean time.
     pub steps_per_second: f64,
     /// Median of the whole step (ms).
     pub median_ms: f64,
@@ -54,14 +54,14 @@ pub struct Loaded {
     pub contact_ms: f64,
     /// Median of the update with its replays (ms).
     pub update_ms: f64,
-    /// Bytes that an update has to read at least: indices and weights of the observation and of its
-    /// replays, mean and variance of their points.
+    /// Minimum number of bytes that an update has to read: indices and weights of the observation and of
+    /// its replays, and mean and variance of their points.
     pub update_bytes: f64,
-    /// Time of the update by the time in which so many bytes are read once, one after another.
+    /// Time of the update divided by the time to read that many bytes once, in sequence.
     pub update_over_read: f64,
 }
 
-/// Times of a whole online step, in `f32`, on one thread.
+/// Times of an entire online step, in `f32`, on one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct BenchReport {
@@ -81,7 +81,7 @@ pub struct BenchReport {
     pub kinematics: StageTimes,
     /// Contact model.
     pub contact: StageTimes,
-    /// Columns of the observation matrix.
+    /// Computation of the columns of the observation matrix.
     pub columns: StageTimes,
     /// Estimator, with replays.
     pub update: StageTimes,
@@ -97,15 +97,16 @@ const END: [f64; JOINTS] = [-0.2159, 0.9687, 3.5203, -1.5222, -0.4679, -0.7417, 
 /// The cube is of such a size that the end of the push has about 4100 contacts at 100,000 points.
 const CORNER: [f64; 3] = [0.43, -0.165, 0.08];
 const EDGE: f64 = 0.33;
-/// Steps of the end of the push.
+/// Number of steps in [`Loaded`].
 pub const LOADED_STEPS: usize = 20;
 /// Pushes that are timed, and most of those that come before: until the memory for past observations is full, as
 /// it is after a while of touching.
 const PUSHES: usize = 3;
 const MOST_WARMING: usize = 40;
 
-/// Times the whole step, contact to belief, on a push of a Kinova Gen3 into a cube of points, the
-/// points moved alone ([`crate::SceneOptions::subdivision`] 1). It needs no data.
+/// Times an entire online step, from contact to belief, while a Kinova Gen3 pushes into a cube of points.
+///
+/// The points are moved without sub-points ([`crate::SceneOptions::subdivision`] 1). Needs no data.
 ///
 /// # Errors
 /// Fewer than 2 steps or no points.

@@ -40,14 +40,14 @@ pub enum PipelineError {
         /// What is wrong with it.
         source: ContactError,
     },
-    /// Numbers that do not fit.
+    /// Numbers that are invalid.
     #[error(transparent)]
     Core(#[from] CoreError),
-    /// What the camera saw cannot be used, is not what was touched, or a regressor cannot learn from its
-    /// samples.
+    /// The view of a camera cannot be used or does not show what was touched, or a regressor cannot learn
+    /// from its samples.
     #[error(transparent)]
     Vision(#[from] VisionError),
-    /// A field holds numbers that no estimate has.
+    /// A stored field holds numbers that no estimate can have.
     #[error("{name} {problem}")]
     Stored {
         /// The array or feature.
@@ -58,7 +58,7 @@ pub enum PipelineError {
     /// There is no view of the object.
     #[error("the recording has no camera/ (color.png, depth.png, camera.json) to see points with")]
     NoCamera,
-    /// Something about sequence `id`.
+    /// An error in one row of a sequence.
     #[error("sequence {id} row {row}: {source}")]
     Sequence {
         /// The sequence.
@@ -68,16 +68,16 @@ pub enum PipelineError {
         /// What is wrong there.
         source: CoreError,
     },
-    /// A recording beside the scene of another.
+    /// A recording was combined with the scene of another one.
     #[error(
         "{what} of the recording is another than that of the scene: make the scene of this recording (`Scene::open`, \
          `Scene::with_robot`, `Scene::in_air`)"
     )]
     OtherScene {
-        /// The key of `dataset.json`.
+        /// The key of `dataset.json` that differs.
         what: &'static str,
     },
-    /// Traces in several models of contact that are not of the same samples.
+    /// Traces in several contact models that do not have the same samples.
     #[error(
         "sequence {id}: its samples in contact model {index} (from 0) are not those in the first: compare traces of the same \
          touches, times and readings"
@@ -85,10 +85,10 @@ pub enum PipelineError {
     OtherSamples {
         /// The sequence.
         id: String,
-        /// The model of contact, from 0.
+        /// The contact model, from 0.
         index: usize,
     },
-    /// Touches of a trace that do not follow each other from its first sample to its last.
+    /// Touches of a trace that do not cover it in order, without gaps, from its first sample to its last.
     #[error(
         "sequence {id}: touch {index} is samples {start} to {end} (exclusive) of {rows}; touches follow each other from the \
          first sample to the last"
@@ -100,12 +100,12 @@ pub enum PipelineError {
         index: usize,
         /// Its first sample.
         start: usize,
-        /// Behind its last sample.
+        /// One past its last sample.
         end: usize,
-        /// Samples of the trace.
+        /// Number of samples of the trace.
         rows: usize,
     },
-    /// How fast the arm moves cannot be told.
+    /// The velocities and accelerations of the arm cannot be determined.
     #[error(
         "sequence {id}: velocities and accelerations cannot be estimated ({source}); record velocities \
          (velocities.npy), zeros for poses in which the arm rests"
@@ -116,7 +116,7 @@ pub enum PipelineError {
         /// What is wrong.
         source: DataError,
     },
-    /// A reading that no sensor gives, and whose square endangers the arithmetic.
+    /// A reading beyond any sensor, whose square might overflow.
     #[error(
         "sequence {id} row {row} joint {joint}: a torque of {value:?} {unit}; at most {most:e} is \
          taken, check the file and its units"
@@ -132,10 +132,10 @@ pub enum PipelineError {
         value: f64,
         /// `N m`, or `N` for a sliding joint.
         unit: &'static str,
-        /// Largest magnitude that is taken.
+        /// Largest magnitude that is accepted.
         most: f64,
     },
-    /// A position or velocity that no robot has, and whose square endangers the arithmetic.
+    /// A position or velocity beyond any robot, whose square might overflow.
     #[error(
         "sequence {id} row {row} joint {joint}: {what} of {value:?} {unit}; at most {most:e} is taken, check the file and \
          its units"
@@ -147,21 +147,21 @@ pub enum PipelineError {
         row: usize,
         /// The joint, from 1.
         joint: usize,
-        /// A position or a velocity.
+        /// Whether it is a position or a velocity.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// `rad` or `m`, of velocities each second.
+        /// `rad` or `m`; for velocities per second.
         unit: &'static str,
-        /// Largest magnitude that is taken.
+        /// Largest magnitude that is accepted.
         most: f64,
     },
-    /// A name of no estimator.
+    /// There is no estimator with this name.
     #[error("unknown estimator {name:?}: there are {known}")]
     UnknownEstimator {
         /// The name.
         name: String,
-        /// Those that there are.
+        /// The known names.
         known: String,
     },
     /// A robot name that is neither built in nor a file.
@@ -172,23 +172,23 @@ pub enum PipelineError {
         /// The built-in names.
         known: String,
     },
-    /// A robot that cannot move.
+    /// A robot without movable joints.
     #[error("robot {robot:?} has no moving joints: all of its joints are fixed, or it has none")]
     NoJoints {
         /// Name of the robot.
         robot: String,
     },
-    /// The recording has another number of joints than the robot.
+    /// The recording has a number of joints other than that of the robot.
     #[error(
         "the recording has {columns} joint columns, robot {robot:?} has {joints} joints ({names}); \
          check `robot` and `joints`"
     )]
     JointCount {
-        /// Columns of angles and torques.
+        /// Number of columns of angles and torques.
         columns: usize,
         /// Name of the robot.
         robot: String,
-        /// Joints of the robot.
+        /// Number of joints of the robot.
         joints: usize,
         /// Their names.
         names: String,
@@ -199,7 +199,7 @@ pub enum PipelineError {
          into the robot's order, or mend {key}"
     )]
     JointMismatch {
-        /// What says so, `joints` or `joint_types` of the recording.
+        /// The key of the recording, `joints` or `joint_types`.
         key: &'static str,
         /// Column, from 1.
         column: usize,
@@ -222,15 +222,15 @@ pub enum PipelineError {
         /// Why.
         reason: String,
     },
-    /// The field belongs to other points than the recording.
+    /// The number of points of the field is not that of the recording.
     #[error("the field has {field} points, the recording {recording}; they must be the same")]
     FieldSize {
-        /// Points of the field.
+        /// Number of points of the field.
         field: usize,
-        /// Rest points of the recording.
+        /// Number of rest points of the recording.
         recording: usize,
     },
-    /// No sequence to work on.
+    /// There is no sequence to work on.
     #[error("no {what} sequence: {hint}")]
     NoSequences {
         /// `train`, `test` or the like.
@@ -252,7 +252,7 @@ pub enum PipelineError {
         /// Where it comes nearest, if that was looked at.
         nearest: Option<Approach>,
     },
-    /// The robot touched points, and no contact bears on a joint.
+    /// The robot touched points, but no contact causes a torque at any joint.
     #[error(
         "the robot touches {touched} of the rest points in the {what} sequences, but springs there give no torque \
          at any joint: they push along the joints' axes or through them; check base_pose and the joints, or \
@@ -261,7 +261,7 @@ pub enum PipelineError {
     NoTorque {
         /// `train` or the like.
         what: &'static str,
-        /// Points that are touched.
+        /// Number of touched points.
         touched: usize,
     },
 }

@@ -10,7 +10,7 @@ use vsf_filter::{
     InformationFilter, MemoryReplay, Projection, ReplayConfig, RobustLoss, RobustNoise,
 };
 
-/// Which estimator, with all of its parameters but prior and noise.
+/// Choice of an estimator, with all of its parameters but prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub enum EstimatorSpec {
@@ -21,37 +21,39 @@ pub enum EstimatorSpec {
     Online {
         /// The filter.
         filter: FilterSpec,
-        /// How little outliers among the readings count ([`RobustNoise`]); `None` takes all readings at their word.
+        /// Robust weighting of outliers among the readings ([`RobustNoise`]); `None` gives all readings
+        /// full weight.
         robust: Option<RobustLoss>,
     },
 }
 
-/// Which filter, with all of its parameters but prior and noise.
+/// Choice of a filter, with all of its parameters but prior and noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FilterSpec {
-    /// The exact posterior, sample by sample ([`CovarianceFilter`]). With the default projection its
-    /// mean follows the constrained optimum over the samples so far, to 1e-5 or so of its size; over
-    /// the first few samples it may be a percent behind.
+    /// The exact posterior, sample by sample ([`CovarianceFilter`]).
+    ///
+    /// With the default projection its mean follows the constrained optimum over the samples so far, to
+    /// within about 1e-5 of its size. During the first few samples it may lag a percent behind.
     Exact(Projection),
-    /// The same from the precision matrix, eq. 5 ([`InformationFilter`]): slow, and without
+    /// The same posterior by the precision matrix, eq. 5 ([`InformationFilter`]): slow, and without
     /// [`Projection::Constrained`].
     Information(Projection),
-    /// Replays that come down to the constrained optimum of independent points, at the speed of a
-    /// robot's control loop ([`DualReplay`]). It sees the marginals of the prior.
+    /// Replays that converge to the constrained optimum of independent points, fast enough for the control
+    /// loop of a robot ([`DualReplay`]). It uses only the marginals of the prior.
     Dual(DualConfig),
-    /// The diagonal filter with memory replay, as in the paper (Alg. 1). It sees the marginals of
-    /// the prior.
+    /// The diagonal filter with memory replay, as in the paper (Alg. 1). It uses only the marginals of the
+    /// prior.
     Replay {
         /// Form of the diagonal update.
         form: DiagonalForm,
-        /// Memory replay; `replays = 0` is the plain filter.
+        /// Parameters of memory replay; `replays = 0` is the plain filter.
         config: ReplayConfig,
     },
 }
 
 impl EstimatorSpec {
-    /// The names that [`EstimatorSpec::from_str`] knows, those of `vsf estimate --estimator`.
+    /// The names that [`EstimatorSpec::from_str`] accepts, as in `vsf estimate --estimator`.
     pub const NAMES: [&str; 8] = [
         "batch",
         "exact",
@@ -63,12 +65,12 @@ impl EstimatorSpec {
         "updated",
     ];
 
-    /// The diagonal filter with memory replay, all parameters at their defaults.
+    /// The diagonal filter with memory replay and default parameters.
     pub fn replay() -> Self {
         FilterSpec::replay().into()
     }
 
-    /// Whether it uses what the prior says of neighboring points, not the marginals alone.
+    /// Whether it uses the correlations of the prior between points, not only its marginals.
     pub fn keeps_correlations(&self) -> bool {
         match self {
             Self::Batch => true,
@@ -79,8 +81,9 @@ impl EstimatorSpec {
         }
     }
 
-    /// Shapes of the prior to choose from ([`choose_hyper`](crate::choose_hyper)): with and without a smooth part for those
-    /// that [keep correlations](Self::keeps_correlations), independent points for the others.
+    /// The prior shapes to choose from with [`choose_hyper`](crate::choose_hyper). Estimators that
+    /// [keep correlations](Self::keeps_correlations) have shapes with and without a smooth part, the others
+    /// only independent points.
     pub fn shapes(&self) -> Vec<PriorShape> {
         if self.keeps_correlations() {
             PriorShape::default().or_independent()
@@ -142,7 +145,7 @@ impl From<FilterSpec> for EstimatorSpec {
 }
 
 impl FilterSpec {
-    /// The diagonal filter with memory replay, all parameters at their defaults.
+    /// The diagonal filter with memory replay and default parameters.
     pub fn replay() -> Self {
         Self::Replay {
             form: DiagonalForm::default(),
@@ -150,7 +153,7 @@ impl FilterSpec {
         }
     }
 
-    /// Past observations replayed after every update.
+    /// Number of past observations replayed after every update.
     pub fn replays(&self) -> usize {
         match self {
             Self::Exact(_) | Self::Information(_) => 0,
@@ -159,7 +162,8 @@ impl FilterSpec {
         }
     }
 
-    /// Makes the filter, robust against outliers if a loss is given: in `f32` for control loops, or in `f64`.
+    /// Creates the filter, in `f32` for control loops or in `f64`. If a loss is given, it is robust against
+    /// outliers.
     ///
     /// ```
     /// # use vsf_core::Belief;
@@ -171,7 +175,7 @@ impl FilterSpec {
     /// ```
     ///
     /// # Errors
-    /// A parameter out of range, a prior beyond the range of `T`.
+    /// A parameter out of range, or a prior beyond the range of `T`.
     pub fn build<T: Scalar>(
         &self,
         prior: FieldPrior,
@@ -227,11 +231,11 @@ pub struct Estimate {
     pub health: FilterHealth,
 }
 
-/// Runs an estimator over sequences, from the prior of `hyper`. Calls `progress` after every
-/// sequence with the number done.
+/// Runs an estimator over sequences, starting from the prior of `hyper`. `progress` is called after every
+/// sequence with the number of sequences done.
 ///
 /// # Errors
-/// Traces that [`Trace::check`] refuses; as the estimator's update; the row is named.
+/// Traces that [`Trace::check`] refuses, or an error of the estimator's update, which names the row.
 pub fn estimate(
     rest: &RestPoints,
     traces: &[Trace],
@@ -243,9 +247,11 @@ pub fn estimate(
     estimate_from(prior, traces, spec, &hyper.noise_sd, progress)
 }
 
-/// [`estimate`] from a prior of one's own, such as an earlier field ([`FieldPrior::from`] a belief), or
-/// [`PriorShape::prior_about`](crate::PriorShape::prior_about) means that something else suggests; `noise_sd` is that of every
-/// channel (N m or N).
+/// Like [`estimate`], but with a prior of your own.
+///
+/// It may be an earlier field ([`FieldPrior::from`] a belief), or means from another source with
+/// [`PriorShape::prior_about`](crate::PriorShape::prior_about). `noise_sd` has one value per channel (N m
+/// or N).
 ///
 /// # Errors
 /// As [`estimate`].
@@ -267,8 +273,10 @@ pub fn estimate_from(
     )
 }
 
-/// Runs an estimator of one's own, of any number type, over sequences. Readings have `noise`, or where none is given that of their
-/// observations. Calls `progress` after every sequence with the number done.
+/// Runs an estimator of your own, of any number type, over sequences.
+///
+/// Readings have the noise `noise`, or if none is given that of their observations. `progress` is called
+/// after every sequence with the number of sequences done.
 ///
 /// ```
 /// # use vsf_core::{Belief, Estimator};
@@ -282,7 +290,7 @@ pub fn estimate_from(
 /// ```
 ///
 /// # Errors
-/// Traces that [`Trace::check`] refuses; as the estimator's update; the row is named.
+/// Traces that [`Trace::check`] refuses, or an error of the estimator's update, which names the row.
 pub fn estimate_with<E: Estimator + ?Sized>(
     estimator: &mut E,
     traces: &[Trace],
@@ -381,11 +389,13 @@ pub(crate) fn touched_points<'a>(
     touched
 }
 
-/// Runs an estimator over one sequence, `seen` is told every observation and what it did. Readings have `noise`, or
-/// where none is given that of their observations.
+/// Runs an estimator over one sequence. `seen` is called with every observation and the report of its
+/// update.
+///
+/// Readings have the noise `noise`, or if none is given that of their observations.
 ///
 /// # Errors
-/// As the estimator's update and [`Observation::set_noise`]; the row is named.
+/// An error of the estimator's update or of [`Observation::set_noise`], which names the row.
 pub fn estimate_online<E: Estimator + ?Sized>(
     estimator: &mut E,
     trace: &Trace,

@@ -3,37 +3,37 @@ use crate::{PipelineError, Scene, Trace};
 use serde::{Deserialize, Serialize};
 use vsf_core::{Belief, CoreError, Observation, Prediction};
 
-/// Prediction error over sequences: the paper's metric `||tau_hat - tau||_2` over time steps.
+/// Prediction error over sequences: the metric of the paper, `||tau_hat - tau||_2` over time steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Evaluation {
     /// Mean of the error norm over all samples, in `unit`.
     pub mean_error: f64,
-    /// Its standard deviation over all samples.
+    /// Standard deviation of the error norm over all samples.
     pub sd_error: f64,
     /// Number of samples.
     pub samples: usize,
     /// `N m`, `N` or both.
     pub unit: String,
-    /// Mean norm of the readings: the error of predicting no touch at all.
+    /// Mean norm of the readings: the error of predicting zero torque.
     pub zero_error: f64,
     /// Errors by sequence.
     pub per_sequence: Vec<SequenceError>,
     /// Errors by joint.
     pub per_joint: Vec<JointError>,
-    /// Whether predicted deviations are right, where the predictor has them.
+    /// Calibration of the predicted deviations, if the predictor has any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
 }
 
-/// Shares of the readings of single channels, over the samples in contact, that lie near their
-/// prediction. Of a Gaussian they would be 0.683 and 0.954.
+/// Shares of single-channel readings that lie near their prediction, over the samples in contact. For a
+/// calibrated Gaussian they are 0.683 and 0.954.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Calibration {
     /// Within one predicted standard deviation.
     pub within_1_sigma: f64,
-    /// Within two.
+    /// Within two predicted standard deviations.
     pub within_2_sigma: f64,
 }
 
@@ -64,7 +64,8 @@ impl Calibration {
 }
 
 impl Evaluation {
-    /// The same with how much of each of the `traces` that it is of lies at points that a field has not `touched`.
+    /// Adds, for each of the `traces` evaluated, the share of contact at points that are not in `touched`
+    /// ([`SequenceError::new_places`]).
     #[must_use]
     pub fn with_new_places(mut self, touched: &[bool], traces: &[Trace]) -> Self {
         for (errors, trace) in self.per_sequence.iter_mut().zip(traces) {
@@ -82,18 +83,18 @@ pub struct SequenceError {
     pub sequence: String,
     /// Mean of the error norm over its samples.
     pub mean_error: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the error norm.
     pub sd_error: f64,
     /// Number of samples.
     pub samples: usize,
     /// Mean norm of the readings.
     pub zero_error: f64,
-    /// Samples with at least one contact.
+    /// Number of samples with at least one contact.
     pub contact_samples: usize,
-    /// Mean number of contacts over those.
+    /// Mean number of contacts over those samples.
     pub mean_contacts: f64,
-    /// The share of contact at places that a field has not learned from ([`Trace::share_of_new`]), where that is known and anything is
-    /// touched.
+    /// Share of contact at places that the field has not learned from ([`Trace::share_of_new`]); `None` if
+    /// unknown or if nothing is touched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub new_places: Option<f64>,
 }
@@ -108,7 +109,7 @@ pub struct JointError {
     pub unit: String,
     /// Mean absolute error over all samples.
     pub mean_abs_error: f64,
-    /// Mean absolute reading: the error of predicting no touch at all.
+    /// Mean absolute reading: the error of predicting zero torque.
     pub zero_error: f64,
     /// Root mean square error.
     pub rms_error: f64,
@@ -215,12 +216,15 @@ fn check_size(belief: &Belief<f64>, scene: &Scene) -> Result<(), PipelineError> 
     }
 }
 
-/// Predicts the readings of a sequence from a belief; nothing is learned. The standard deviation
-/// is that of independent points plus a reading noise of `noise_sd`, one value per channel.
+/// Predicts the readings of a sequence from a belief, without learning.
+///
+/// The standard deviation is that of independent points plus a reading noise of `noise_sd`, one value per
+/// channel.
 ///
 /// # Errors
-/// A belief of another size than the scene's points, a noise that is negative or not finite, a trace that [`Trace::check`]
-/// refuses, such as one of another number of channels than the noise; predictions beyond the range of numbers.
+/// A belief of another size than the scene's points, a noise that is negative or not finite, a trace that
+/// [`Trace::check`] refuses, such as one with another number of channels than the noise, or predictions
+/// that are not representable.
 pub fn predict(
     scene: &Scene,
     belief: &Belief<f64>,
@@ -273,7 +277,7 @@ pub(crate) fn predict_independent(
     Ok(out)
 }
 
-/// Errors of a field on sequences it was not estimated from (or on any others).
+/// Evaluates a field on sequences that it was not estimated from (or on any others).
 ///
 /// # Errors
 /// A belief of another size than the scene's points, traces that [`Trace::check`] refuses, or no sequence.
@@ -288,11 +292,11 @@ pub fn evaluate(
     score(scene, traces, &predictions.collect::<Vec<_>>())
 }
 
-/// Errors of given predictions, one per trace.
+/// Evaluates given predictions, one per trace.
 ///
 /// # Errors
 /// No sequence, traces that [`Trace::check`] refuses, or predictions that are not finite, of another shape
-/// than the traces, or with a negative deviation, or so far off that squares of errors are not finite.
+/// than the traces, with a negative deviation, or so far off that squared errors are not finite.
 pub fn score(
     scene: &Scene,
     traces: &[Trace],

@@ -7,7 +7,7 @@ use std::fmt;
 use std::sync::OnceLock;
 use vsf_data::{CameraView, Dataset, Sequence};
 
-/// A recording on which an experiment is made: touches to learn from and touches to predict.
+/// A recording prepared for experiments: sequences to learn from and sequences to predict.
 #[derive(Clone)]
 pub struct Experiment<'a> {
     pub(crate) name: &'a str,
@@ -31,12 +31,12 @@ impl fmt::Debug for Experiment<'_> {
 }
 
 impl<'a> Experiment<'a> {
-    /// Puts a recording together with the traces of its train sequences, followed by those of its test
+    /// Combines a recording with the traces of its train sequences, followed by those of its test
     /// sequences.
     ///
     /// # Errors
-    /// What [`Dataset::check`], [`Scene::check_recording`] or [`Trace::check`] refuses, no train or no test sequence, or another number of
-    /// traces.
+    /// What [`Dataset::check`], [`Scene::check_recording`] or [`Trace::check`] refuses, no train or no test
+    /// sequence, or another number of traces.
     pub fn new(
         dataset: &'a Dataset,
         scene: &'a Scene,
@@ -84,10 +84,10 @@ impl<'a> Experiment<'a> {
         self.traces
     }
 
-    /// Prior and noise, chosen from the train sequences by their held-out touches; once.
+    /// Prior and noise, chosen by held-out touches of the train sequences. Computed once.
     ///
     /// # Errors
-    /// Train sequences that touch nothing; failures of an estimator.
+    /// Train sequences that touch nothing, or failures of an estimator.
     pub fn hyper(&self) -> Result<&Hyper, PipelineError> {
         if let Some(hyper) = self.hyper.get() {
             return Ok(hyper);
@@ -98,7 +98,7 @@ impl<'a> Experiment<'a> {
         Ok(self.hyper.get_or_init(|| choice.hyper))
     }
 
-    /// The field of the train sequences, by touch alone.
+    /// The field estimated from the train sequences by touch alone.
     ///
     /// # Errors
     /// As [`Experiment::hyper`].
@@ -107,11 +107,12 @@ impl<'a> Experiment<'a> {
         estimate(rest, self.train_traces(), &spec, self.hyper()?, |_| {})
     }
 
-    /// The field of the train sequences with untouched points guessed from what the camera sees; `None`
-    /// without a camera, or where touched points in sight tell too little.
+    /// The field estimated from the train sequences, with untouched points predicted from the camera image.
+    ///
+    /// `None` without a camera, or if the touched points in sight say too little.
     ///
     /// # Errors
-    /// As [`Experiment::hyper`]; images that do not fit.
+    /// As [`Experiment::hyper`]; also invalid images.
     pub fn vision_field(&self, vision: &VisionSpec) -> Result<Option<Estimate>, PipelineError> {
         let Some(camera) = self.camera else {
             return Ok(None);

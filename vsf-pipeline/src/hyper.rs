@@ -11,15 +11,14 @@ use serde::{Deserialize, Serialize};
 use vsf_core::{Belief, CoreError, RestPoints};
 use vsf_filter::{FieldPrior, Matern, Smoothness};
 
-/// Prior and noise of an estimation. Their ratio decides how closely readings are followed.
+/// Prior and noise of an estimation. Their ratio determines how closely readings are followed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Hyper {
-    /// Standard deviation of the part of the stiffness that is each point's own (N/m); the mean of
-    /// the prior is 0.
+    /// Standard deviation of each point's own part of the stiffness (N/m). The mean of the prior is 0.
     pub prior_sd: f64,
-    /// What neighbors share.
+    /// Correlations of the prior between points.
     pub shape: PriorShape,
-    /// Standard deviation of the reading of every channel (N m or N), model error included.
+    /// Standard deviation of the readings (N m or N), one value per channel, including model error.
     pub noise_sd: Vec<f64>,
 }
 
@@ -35,17 +34,17 @@ impl Hyper {
     }
 }
 
-/// The smooth part of the prior: neighboring points of a real object are alike. Estimators that
-/// keep no correlations see its variance only.
+/// Correlated parts of the prior: a smooth part, since neighboring points of a real object are alike, and a
+/// common level. Estimators that keep no correlations use only their variances.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PriorShape {
-    /// Standard deviation of the smooth part per standard deviation of a point's own part, >= 0,
-    /// default 0.25; 0 makes points independent, as in the paper.
+    /// Standard deviation of the smooth part, relative to that of a point's own part, >= 0, default 0.25.
+    /// With 0 points are independent, as in the paper.
     pub smooth_share: f64,
-    /// Length over which the smooth part stays alike (m), > 0, default 4 cm.
+    /// Length scale of the smooth part (m), > 0, default 4 cm.
     pub length: f64,
-    /// Standard deviation of a level that all points have in common, per standard deviation of a
-    /// point's own part, >= 0, default 0.
+    /// Standard deviation of a level common to all points, relative to that of a point's own part, >= 0,
+    /// default 0.
     pub level_share: f64,
 }
 
@@ -60,7 +59,7 @@ impl Default for PriorShape {
 }
 
 impl PriorShape {
-    /// Points independent of each other, as in the paper.
+    /// Independent points, as in the paper.
     pub fn independent() -> Self {
         Self {
             smooth_share: 0.0,
@@ -68,7 +67,7 @@ impl PriorShape {
         }
     }
 
-    /// This shape and, to compare, the same without its smooth part, if it has one.
+    /// This shape and, if it has a smooth part, the same one without it, to compare.
     pub fn or_independent(self) -> Vec<Self> {
         let independent = Self {
             smooth_share: 0.0,
@@ -81,7 +80,8 @@ impl PriorShape {
         }
     }
 
-    /// The prior of a field with standard deviation `sd` (N/m) of every point's own part.
+    /// The prior of a field with mean 0, where `sd` (N/m) is the standard deviation of every point's own
+    /// part.
     ///
     /// # Errors
     /// A parameter out of range.
@@ -89,10 +89,10 @@ impl PriorShape {
         self.prior_about(rest, sd, vec![0.0; rest.len()])
     }
 
-    /// The same about means of their own (N/m, >= 0), one per point.
+    /// Like [`prior`](Self::prior), but about the given means (N/m, >= 0), one per point.
     ///
     /// # Errors
-    /// A parameter out of range, means that are negative or not finite, of another number than the points.
+    /// A parameter out of range, or means that are negative, not finite, or not one per point.
     pub fn prior_about(
         &self,
         rest: &RestPoints,
@@ -128,38 +128,39 @@ impl PriorShape {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum HyperMethod {
-    /// By the prediction of held-out touches, the default:
+    /// Compares the predictions of held-out touches (the default):
     ///
-    /// 1. *Rule.* The `n` readings that a typical point takes part in count as four, since the error of the model persists
-    ///    over a push: the expected signal of a typical reading is `sqrt(4 / n)` of its noise.
-    /// 2. *Candidates.* Every shape, at the ratio by rule and at larger ones, up to 64 times, as long as the error falls; if
-    ///    none is better, at smaller ones, down to a sixteenth.
-    /// 3. *Folds.* The touches are dealt to at most ten folds. Where folds share few points, each touch is cut into
-    ///    quarters, one of which is held out at a time.
-    /// 4. *Predictor.* The constrained optimum; with more than 1500 touched points the online filter, and the first shape
-    ///    only, since that filter does not see a smooth part.
-    /// 5. *Choice.* Of the candidates whose error exceeds the least one by no more than one standard error (of paired
-    ///    differences), the one nearest to the rule (L. Breiman et al., *Classification and Regression Trees*, 1984,
-    ///    section 3.4.3).
+    /// 1. *Rule.* The `n` readings that involve a typical point count as four, because model error persists
+    ///    over a push. The expected signal of a typical reading is thus `sqrt(4 / n)` of its noise.
+    /// 2. *Candidates.* Every shape is tried at the ratio of the rule and at larger ones, up to 64 times,
+    ///    as long as the error falls. If none is better, smaller ones are tried, down to a sixteenth.
+    /// 3. *Folds.* The touches are dealt to at most ten folds. If folds share few points, each touch is cut
+    ///    into quarters instead, and one of them is held out at a time.
+    /// 4. *Predictor.* The constrained optimum. With more than 1500 touched points it is the online filter,
+    ///    with the first shape only, since that filter does not use a smooth part.
+    /// 5. *Choice.* Candidates qualify whose error exceeds the least one by no more than one standard error
+    ///    (of paired differences). Of these the one nearest to the rule is chosen (L. Breiman et al.,
+    ///    *Classification and Regression Trees*, 1984, section 3.4.3).
     /// 6. *Level.* Prior and noise are scaled together until held-out residuals are as large as predicted.
     #[default]
     HeldOut,
-    /// By the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_scale`]), over all
-    /// of these ratios and the same shapes. It takes the error of the model as independent from sample to
-    /// sample. Where it is not, as in most recordings of pushes, the readings are followed too
-    /// closely.
+    /// Compares the marginal likelihood of all readings ([`vsf_filter::BatchMap::best_scale`]), over all of
+    /// these ratios and the same shapes.
+    ///
+    /// It assumes that model errors are independent from sample to sample. If they are not, as in most
+    /// recordings of pushes, the readings are followed too closely.
     Likelihood,
 }
 
-/// One tried prior.
+/// One prior that was tried.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Candidate {
-    /// What neighbors share.
+    /// Correlations of the prior between points.
     #[serde(flatten)]
     pub shape: PriorShape,
-    /// Standard deviation of the signal that the prior expects in one typical reading, per
-    /// standard deviation of its noise.
+    /// Standard deviation of the signal that the prior expects in a typical reading, relative to that of
+    /// its noise.
     pub signal_to_noise: f64,
     /// Mean error norm on held-out touches, for [`HyperMethod::HeldOut`].
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -169,26 +170,26 @@ pub struct Candidate {
     pub log_evidence: Option<f64>,
 }
 
-/// Which contact was chosen, with prior and noise for it.
+/// Result of [`choose_contact`]: a contact model, with prior and noise for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct ContactChoice {
-    /// Index of the contact.
+    /// Index of the chosen contact model.
     pub contact: usize,
-    /// Mean error norm on held-out touches in each contact, with the prior that was chosen for it. Not those of each alone: the same samples are held
-    /// out in all.
+    /// Mean error norm on held-out touches with each contact model, with the prior chosen for it. The same
+    /// samples are held out for all, so the errors may differ from those of a choice with one model alone.
     pub errors: Vec<f64>,
-    /// Prior and noise in the chosen contact.
+    /// Prior and noise for the chosen contact model.
     pub choice: HyperChoice,
 }
 
-/// How prior and noise were chosen.
+/// Result of [`choose_hyper`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct HyperChoice {
-    /// The choice.
+    /// The chosen prior and noise.
     pub hyper: Hyper,
-    /// All that was tried.
+    /// All candidates that were tried.
     pub candidates: Vec<Candidate>,
 }
 
@@ -197,15 +198,18 @@ const POWERS: [f64; 8] = [-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
 
 /// Chooses prior and noise from train sequences, for any estimator.
 ///
-/// *Noise by channel*: most of what a field leaves unexplained is error of the model, which grows
-/// with the load. The noise of a channel is in proportion to its RMS reading in contact, plus 5 % of
-/// the RMS norm of the whole reading. Its level, the sd of the prior and one of `shapes`, of equals the first, are
-/// chosen by `method`; [`EstimatorSpec::shapes`](crate::EstimatorSpec::shapes) has those for an estimator. What suits points that are
-/// alike leaves estimators that keep no correlations too sure of sums over points.
+/// *Noise per channel*: most of what a field leaves unexplained is model error, which grows with the load.
+/// The noise of a channel is therefore proportional to the RMS of its readings in contact, plus 5 % of the
+/// RMS norm of the whole reading.
+///
+/// `method` chooses the level of the noise, the sd of the prior and one of `shapes`; of equally good shapes
+/// it chooses the first. [`EstimatorSpec::shapes`](crate::EstimatorSpec::shapes) gives the shapes for an
+/// estimator. A choice that suits points that are alike makes estimators that keep no correlations
+/// overconfident about sums over points.
 ///
 /// # Errors
-/// No shape; traces that [`Trace::check`] refuses or that differ in their number of joints; no train sequence ever
-/// touches a point; failures of an estimator.
+/// No shape, traces that [`Trace::check`] refuses or that differ in their number of joints, train sequences
+/// that never touch a point, or failures of an estimator.
 pub fn choose_hyper(
     rest: &RestPoints,
     traces: &[Trace],
@@ -221,17 +225,18 @@ pub fn choose_hyper(
     }
 }
 
-/// Chooses one of several models of contact, such as [`Scene`](crate::Scene)s that differ in their threshold, friction or
-/// padding, by the prediction of held-out touches; with prior and noise for it as [`HyperMethod::HeldOut`] has them.
+/// Chooses one of several contact models by the prediction of held-out touches, with prior and noise for it
+/// as in [`HyperMethod::HeldOut`]. The models may be [`Scene`](crate::Scene)s that differ in their
+/// threshold, friction or padding.
 ///
-/// `contacts` are the traces of the same samples in each. The same samples are held out in all of them, and predicted by the
-/// same estimator. Of all contacts whose error, each with the prior chosen for it, exceeds that of the best one by no
-/// more than one standard error of the difference, the first is taken: the one that one would rather have comes first. Where
-/// touches share few points in any of them, parts of touches are held out in all; prior and noise are those of the chosen contact
-/// alone.
+/// `contacts` are the traces of the same samples with each model. For all models the same samples are held
+/// out, and the same estimator predicts them. Each model is compared with the prior chosen for it. Of the
+/// models whose error exceeds the best one by no more than one standard error of the difference, the first
+/// is chosen, so pass the preferred model first. If touches share few points with any of the models, parts
+/// of touches are held out for all. The returned prior and noise are those of the chosen model alone.
 ///
 /// # Errors
-/// As [`choose_hyper`]; no contact; traces that are not of the same samples.
+/// As [`choose_hyper`]; also no contact model, or traces that do not have the same samples.
 pub fn choose_contact(
     rest: &RestPoints,
     contacts: &[&[Trace]],

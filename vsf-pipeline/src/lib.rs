@@ -1,23 +1,23 @@
-//! From a touch recording, or a stream of joint states, to a stiffness field and its prediction errors.
+//! Turns a touch recording, or a stream of joint states, into a stiffness field and its prediction errors.
 //!
-//! What the `vsf` command runs:
+//! The steps that the `vsf` command runs:
 //!
-//! 1. [`Scene::open`] puts robot, link shapes and rest points of a recording together.
-//! 2. [`scene_warnings`], [`motion_warnings`], [`touch_warnings`], [`reading_warnings`] and [`view_warnings`] say what
-//!    looks wrong
-//!    with a recording, [`health_warnings`] what does with an online estimation, [`fit_warnings`] with one of all readings at once,
-//!    [`field_warnings`] with either.
-//! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the
-//!    belief, so the resulting observations serve every estimator.
-//! 4. [`choose_hyper`] picks prior and noise from the train sequences ([`choose_contact`] the model of contact,
-//!    too), [`estimate`] runs an estimator over them; [`estimate_with_vision`] guesses untouched points by what a camera saw. The field is
-//!    stored by [`Estimate::to_field`] and read back by [`StoredEstimate::of`].
-//! 5. [`predict`] and [`evaluate`] compare a field with sequences; [`Baseline`]s stand beside it.
-//! 6. An [`Experiment`] repeats the paper's experiments on a recording: [`table1`],
+//! 1. [`Scene::open`] combines robot, link shapes and rest points of a recording.
+//! 2. Checks report what looks wrong. [`scene_warnings`], [`motion_warnings`], [`touch_warnings`],
+//!    [`reading_warnings`] and [`view_warnings`] check a recording, [`health_warnings`] an online
+//!    estimation, [`fit_warnings`] an estimation from all readings at once, and [`field_warnings`] either.
+//! 3. [`Scene::trace`] runs the contact model over a sequence once. Contacts never depend on the belief, so
+//!    the resulting observations serve every estimator.
+//! 4. [`choose_hyper`] chooses prior and noise from the train sequences, [`choose_contact`] the contact
+//!    model too. [`estimate`] runs an estimator over the sequences; [`estimate_with_vision`] also predicts
+//!    untouched points from a camera image. [`Estimate::to_field`] stores the field, [`StoredEstimate::of`]
+//!    reads it back.
+//! 5. [`predict`] and [`evaluate`] compare a field with sequences. [`Baseline`]s are for comparison.
+//! 6. An [`Experiment`] repeats the experiments of the paper on a recording: [`table1`],
 //!    [`Experiment::errors`], [`Experiment::curve`], [`update_speed`].
-//! 7. [`stiff_regions`] finds what stands out of a field.
+//! 7. [`stiff_regions`] finds regions of a field that are stiffer than the rest.
 //! 8. [`simulate`] turns a field and a joint trajectory into readings.
-//! 9. A [`live::Node`] estimates while samples come in.
+//! 9. A [`live::Node`] estimates while samples arrive.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -1,11 +1,12 @@
-//! Fields that are estimated while samples come in.
+//! Estimates a field while samples arrive.
 //!
-//! A [`Node`] takes [`Sample`]s as they come, late, repeated or with gaps, and hands those that are of use to a [`Learner`]: a
-//! [`LiveSession`], or one with a corrected model (`LiveCorrector` of `vsf-gap`). [`run`] feeds it from a [`Source`] of lines of JSON,
-//! `{"t": 12.345, "q": [..], "tau": [..]}`: one thread reads and checks
-//! them, the other estimates; between them lies a [`Queue`] that drops its oldest samples when the
-//! estimation is too slow, and counts them. Whoever closes it ends the node, as Ctrl-C does `vsf live`. What blocks in
-//! `publish` makes samples wait.
+//! A [`Node`] takes [`Sample`]s as they come: late, repeated or with gaps. It passes the useful ones to a
+//! [`Learner`], which is a [`LiveSession`] or one with a corrected model (`LiveCorrector` of `vsf-gap`).
+//!
+//! [`run`] feeds a node from a [`Source`] of lines of JSON, `{"t": 12.345, "q": [..], "tau": [..]}`. One
+//! thread reads and checks the lines, the other estimates. Between them lies a [`Queue`]. When the
+//! estimation is too slow, it drops its oldest samples and counts them. Closing the queue ends the node, as
+//! Ctrl-C does for `vsf live`. While `publish` blocks, samples wait.
 
 mod learner;
 mod motion;
@@ -30,7 +31,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::spawn;
 
-/// A sample and the number of its line, from 1.
+/// A sample with its line number, from 1.
 pub type Numbered = (u64, Sample);
 
 /// What the reading thread has seen.
@@ -43,12 +44,18 @@ struct Reading {
     ended: AtomicBool,
 }
 
-/// Runs a node until its source ends, or until `queue`, a new one ([`Node::new_queue`]), is closed by someone else.
+/// Runs a node until its source ends or someone else closes `queue`, which must be a new one
+/// ([`Node::new_queue`]).
 ///
-/// `publish` is told what is known [`Options::publish_hz`] times a second of the samples' time, and once more in the end; while it
-/// works, samples wait. A line that is no sample is passed to `refuse` with its number, counted from 1, and why; it changes
-/// nothing else; `refuse` is called by both threads, also for samples that the learner refuses. The thread that reads is not waited for where the source has not ended: it ends with the next line, of datagrams within
-/// a tenth of a second.
+/// `publish` is called with a summary [`Options::publish_hz`] times per second of the samples' time, and
+/// once more at the end. While it runs, samples wait.
+///
+/// `refuse` is called for every line that is not a sample, and for samples that the learner refuses, with
+/// the line number (from 1) and the reason. A refused line changes nothing else. Both threads call
+/// `refuse`.
+///
+/// If the source has not ended, this function does not wait for the reading thread. That thread ends with
+/// the next line, or for datagrams within a tenth of a second.
 ///
 /// ```
 /// use std::io::Cursor;
@@ -86,7 +93,7 @@ struct Reading {
 /// ```
 ///
 /// # Errors
-/// What `source` cannot read, or its panic; the first error of `publish`. The node has what came before.
+/// An error or panic of `source`, or the first error of `publish`. The node keeps what came before.
 pub fn run<L: Learner>(
     node: &mut Node<L>,
     queue: &Arc<Queue<Numbered>>,

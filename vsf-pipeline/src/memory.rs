@@ -1,15 +1,15 @@
-/// Memory of this process that is not swapped out.
+/// Resident memory of this process, which is not swapped out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ProcessMemory {
-    /// Now (MB).
+    /// Present value (MB).
     pub resident_mb: f64,
-    /// The most so far (MB).
+    /// Largest value so far (MB).
     pub peak_mb: f64,
 }
 
 impl ProcessMemory {
-    /// As Linux tells it; `None` elsewhere.
+    /// Reads the values that Linux reports; `None` on other systems.
     pub fn now() -> Option<Self> {
         let status = std::fs::read_to_string("/proc/self/status").ok()?;
         let mb = |name: &str| -> Option<f64> {

@@ -4,28 +4,29 @@ use crate::{Evaluation, Experiment, HyperMethod, PipelineError, PriorShape, Trac
 use serde::Serialize;
 use vsf_core::Noise;
 
-/// One prior on one recording.
+/// Result of one prior on one recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct PriorRow {
-    /// What it assumes, in words.
+    /// Description of its assumption.
     pub prior: &'static str,
     /// Its shape.
     pub shape: PriorShape,
-    /// Standard deviation of a point's own part (N/m), chosen.
+    /// Chosen standard deviation of a point's own part (N/m).
     pub prior_sd: f64,
-    /// Errors on the test sequences, and whether the predicted deviations are right, correlations
-    /// of the posterior included.
+    /// Errors on the test sequences, with the calibration of the predicted deviations. These include the
+    /// correlations of the posterior.
     pub evaluation: Evaluation,
 }
 
-/// What each prior gives on a recording: independent points as in the paper, a level common to all
-/// points beside each one's own (homogeneous plus heterogeneous), and smooth parts of several sizes.
-/// Each is fitted to the train sequences by the constrained optimum with prior and noise chosen for its
-/// shape alone, and predicts the test sequences.
+/// Compares priors on a recording: independent points as in the paper, a level common to all points in
+/// addition to each point's own part (homogeneous plus heterogeneous), and smooth parts of several sizes.
+///
+/// Prior and noise are chosen for each shape alone. Each is fitted to the train sequences by the
+/// constrained optimum and predicts the test sequences.
 ///
 /// # Errors
-/// Train sequences that touch nothing; failures of the estimator.
+/// Train sequences that touch nothing, or failures of the estimator.
 pub fn compare_priors(experiment: &Experiment) -> Result<Vec<PriorRow>, PipelineError> {
     let independent = PriorShape::independent();
     let smooth = |smooth_share, length| PriorShape {

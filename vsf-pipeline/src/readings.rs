@@ -54,10 +54,11 @@ fn check_states(robot: &RobotModel, sequence: &Sequence) -> Result<(), PipelineE
     Ok(())
 }
 
-/// Refuses torques of sequence `id` that no recording is taken with, be they read or computed, or their deviations: of more than 1e12 N m (or N), or NaN.
+/// Checks torques or their deviations, read or computed, of sequence `id`: refuses those of more than 1e12
+/// N m (or N), and NaN.
 ///
 /// # Errors
-/// [`PipelineError::Torque`], which names the first of them.
+/// [`PipelineError::Torque`] with the first such value.
 pub fn check_torques(scene: &Scene, id: &str, torques: &Table) -> Result<(), PipelineError> {
     let is_taken = |v: &f64| v.abs() <= MOST_READING;
     match torques.data().iter().position(|v| !is_taken(v)) {
@@ -73,7 +74,8 @@ pub fn check_torques(scene: &Scene, id: &str, torques: &Table) -> Result<(), Pip
     }
 }
 
-/// Checks that a recording can be worked with: that its points can be rest points, and that its readings are taken.
+/// Checks that a recording can be used: that its points are valid rest points and its readings are
+/// accepted.
 ///
 /// # Errors
 /// What [`Dataset::check`] refuses, points that [`RestPoints::new`] refuses, what [`external_torques`] refuses.
@@ -84,16 +86,17 @@ pub fn check_readable(dataset: &Dataset, robot: RobotModel) -> Result<(), Pipeli
     sequences.try_for_each(|s| external_torques(&scene, s).map(drop))
 }
 
-/// The external joint torques of a sequence: what touch adds, with the rigid body removed and tared.
+/// The external joint torques of a sequence: the torques caused by touch, with the rigid-body torques
+/// removed and tared.
 ///
-/// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with the motion of
-/// [`derivatives_of`]. Taring subtracts the mean of the first [`Scene::tare_samples`] external torques,
-/// where nothing is touched.
+/// Measured torques become `tau_ext = M(q) qdd + C(q, qd) qd + g(q) - tau_meas`, with velocities and
+/// accelerations by [`derivatives_of`]. Taring subtracts the mean of the first [`Scene::tare_samples`]
+/// external torques, where nothing is touched.
 ///
 /// # Errors
-/// A sequence that [`Sequence::check`] refuses, torques beyond 1e12 N m, angles and
-/// velocities beyond 1e9, angles that the robot cannot take, or more tare samples than rows; of
-/// measured torques without recorded velocities a touch of one sample, whose motion is not known.
+/// A sequence that [`Sequence::check`] refuses, torques beyond 1e12 N m, angles and velocities beyond 1e9,
+/// angles that the robot cannot take, or more tare samples than rows. For measured torques without recorded
+/// velocities, also a touch of a single sample, whose velocity is unknown.
 pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, PipelineError> {
     check_sequence(scene.robot(), sequence)?;
     check_states(scene.robot(), sequence)?;
@@ -111,8 +114,8 @@ pub fn external_torques(scene: &Scene, sequence: &Sequence) -> Result<Table, Pip
     Ok(torques)
 }
 
-/// The sequence with continuous joints that turn on where their encoders begin anew: no position is further than
-/// half a turn from the one before it. The robot stands as it does in the sequence.
+/// The sequence with continuous joints unwrapped: no position is further than half a turn from the one
+/// before it. The posture of the robot is the same as in the sequence.
 pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequence> {
     let mut unwound = Cow::Borrowed(sequence);
     for (j, joint) in robot.joints().iter().enumerate().take(sequence.width()) {
@@ -130,11 +133,14 @@ pub fn unwound<'s>(robot: &RobotModel, sequence: &'s Sequence) -> Cow<'s, Sequen
     unwound
 }
 
-/// Velocities, as recorded or estimated from the angles, and accelerations of a sequence, over windows
-/// of 0.025 s or of nine samples, whichever is longer. Angles are taken as [`unwound`].
+/// Velocities (recorded, or else estimated from the angles) and accelerations of a sequence.
+///
+/// Slopes are taken over windows of 0.025 s or of nine samples, whichever is longer. Angles are [`unwound`]
+/// first.
 ///
 /// # Errors
-/// As [`Sequence::derivatives`]; angles and velocities beyond 1e9, another number of joints than the robot's.
+/// As [`Sequence::derivatives`]; also angles and velocities beyond 1e9, or another number of joints than
+/// the robot's.
 pub fn derivatives_of(
     robot: &RobotModel,
     sequence: &Sequence,
@@ -161,11 +167,12 @@ fn step(sequence: &Sequence) -> Option<f64> {
     Some(if mean > BURSTS * median { mean } else { median })
 }
 
-/// What the arm itself needs to move as a sequence does: `M(q) qdd + C(q, qd) qd + g(q)` (N m or N), one
-/// row per sample. `gravity` is in the world frame (m/s²).
+/// The rigid-body torques of a sequence, `M(q) qdd + C(q, qd) qd + g(q)` (N m or N): what the arm itself
+/// needs to move. One row per sample. `gravity` is in the world frame (m/s²).
 ///
 /// # Errors
-/// Angles or motions that the robot cannot take, derivatives of another length than the sequence.
+/// Angles or velocities that the robot cannot take, or derivatives whose length is not that of the
+/// sequence.
 pub fn rigid_body_torques(
     robot: &RobotModel,
     gravity: &Vector3<f64>,

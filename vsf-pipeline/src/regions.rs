@@ -1,21 +1,24 @@
-//! Where a field is stiff: regions of points that stand out from the rest, as inclusions in tissue do.
+//! Finds stiff regions of a field: groups of points that stand out from the rest, like inclusions in
+//! tissue.
 
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 use vsf_core::{Belief, CoreError, RestPoints, median};
 
-/// What counts as a stiff region.
+/// Criteria for stiff regions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegionOptions {
-    /// A point is stiff from so many times the background on; above 0, default 2.
+    /// Stiffness from which a point is stiff, as a multiple of the background; above 0, default 2.
     pub contrast: f64,
-    /// The least probability that a point is that stiff, of each point by itself; 0.5 to below 1, default 0.95.
+    /// Minimum probability that a point is at least that stiff, judged for each point by itself; 0.5 to
+    /// below 1, default 0.95.
     pub confidence: f64,
-    /// Stiff points up to so far apart (m) belong together; by default 1.8 times the [`RestPoints::spacing`] of the points
-    /// that are looked at, which joins neighbors on a lattice, diagonal ones too.
+    /// Distance (m) up to which stiff points belong together. Default: 1.8 times the
+    /// [`RestPoints::spacing`] of the points considered, which joins neighbors on a lattice, including
+    /// diagonal ones.
     pub reach: Option<f64>,
-    /// Fewest points of a region; at least 1, default 3. Single points are the least certain of a field: deep ones,
-    /// which are hardly felt, take up what others leave.
+    /// Minimum number of points of a region; at least 1, default 3. Single points are the least certain of
+    /// a field: deep ones, which are hardly felt, absorb what others leave unexplained.
     pub fewest: usize,
 }
 
@@ -34,22 +37,23 @@ impl Default for RegionOptions {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct StiffRegions {
-    /// Points that were looked at.
+    /// Number of points considered.
     pub looked_at: usize,
-    /// Those of them that have any stiffness.
+    /// Number of those with a stiffness above 0.
     pub felt: usize,
-    /// The background (N/m), the median stiffness of these; `None` where there are none.
+    /// The background (N/m): the median stiffness of the points with a stiffness above 0; `None` if there
+    /// are none.
     pub background: Option<f64>,
-    /// The stiffness (N/m) from which on a point is stiff.
+    /// Stiffness (N/m) from which a point is stiff.
     pub stiff_from: Option<f64>,
-    /// Stiff points up to so far apart belong together (m).
+    /// Distance up to which stiff points belong together (m).
     pub reach: f64,
-    /// The regions, that with the most stiffness in all first.
+    /// The regions, in decreasing order of total stiffness.
     pub regions: Vec<StiffRegion>,
-    /// Stiff points in groups of fewer than a region has.
+    /// Number of stiff points in groups too small for a region.
     pub scattered: usize,
-    /// Indices of the points, increasing, whose mean is that stiff, and whose deviation is too large for them to be stiff
-    /// with the [confidence](RegionOptions::confidence) that is asked for.
+    /// Increasing indices of points whose mean is above [`stiff_from`](Self::stiff_from), but not with the
+    /// [confidence](RegionOptions::confidence) required, since their deviation is too large.
     pub unsure: Vec<usize>,
 }
 
@@ -57,29 +61,31 @@ pub struct StiffRegions {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct StiffRegion {
-    /// Indices of its points, increasing.
+    /// Indices of its points, in increasing order.
     pub points: Vec<usize>,
-    /// Center of its stiffness (m, world frame).
+    /// Center of its points, weighted by stiffness (m, world frame).
     pub center: Point3<f64>,
-    /// Smallest and largest corner of the box around its points (m, world frame).
+    /// Smallest and largest corner of the bounding box of its points (m, world frame).
     pub bounds: [Point3<f64>; 2],
     /// Mean stiffness of its points (N/m).
     pub mean: f64,
-    /// Bound of the standard deviation of that mean (N/m): the mean of the points' own deviations, which is the deviation
-    /// of the mean if they err alike, and more than that if not. That of a belief of no deviations is next to nothing.
+    /// Upper bound of the standard deviation of that mean (N/m): the mean of the deviations of the points.
+    /// It is exact if their errors are fully correlated. For a belief without deviations it is next to
+    /// nothing.
     pub sd: f64,
     /// Stiffness of its stiffest point (N/m).
     pub largest: f64,
 }
 
-/// Finds the regions of a field that are stiffer than its background. `touched` says which points are looked at, those
-/// whose stiffness was felt; empty, all are. Where variances are next to nothing, means alone decide.
+/// Finds the regions of a field that are stiffer than its background.
 ///
-/// Time: O(N) for a reach of some spacings of the points.
+/// `touched` flags the points to consider, those whose stiffness was felt; if it is empty, all are
+/// considered. Where variances are next to nothing, the means alone decide. Takes O(N) time for a reach of
+/// some spacings of the points.
 ///
 /// # Errors
-/// [`CoreError::Length`] for a belief or a `touched` of another number of points, [`CoreError::Parameter`] for options
-/// out of range.
+/// [`CoreError::Length`] for a belief or a `touched` of another number of points, [`CoreError::Parameter`]
+/// for options out of range.
 ///
 /// ```
 /// use nalgebra::Point3;

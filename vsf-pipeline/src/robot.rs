@@ -12,11 +12,11 @@ pub fn reading_unit(joint: &Joint) -> &'static str {
     }
 }
 
-/// The robot of a recording, checked against the recording's joints and placed in the world.
-/// `packages` are the folders of `package://` names in its URDF.
+/// Loads the robot of a recording, checks it against the recording's joints, and places it in the world.
+/// `packages` are the folders for `package://` names in its URDF.
 ///
 /// # Errors
-/// An unknown or unreadable robot, joints that contradict the recording.
+/// An unknown or unreadable robot, or joints that contradict the recording.
 pub fn robot_of(
     dataset: &Dataset,
     packages: &BTreeMap<String, PathBuf>,
@@ -84,8 +84,10 @@ pub(crate) fn check_joints(dataset: &Dataset, robot: &RobotModel) -> Result<(), 
     Ok(())
 }
 
-/// A robot by name or URDF, with its joints in this order, by default that of its chain; its base is at
-/// the origin. `packages` are the folders of `package://` names in its URDF.
+/// Loads a robot by name or URDF, with its base at the origin.
+///
+/// `joint_order` names the joints in order, by default that of the chain. `packages` are the folders for
+/// `package://` names in the URDF.
 ///
 /// # Errors
 /// An unknown or unreadable robot.

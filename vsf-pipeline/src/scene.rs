@@ -18,36 +18,37 @@ const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// Contact threshold that suits an estimation, as a share of the spacing of the points.
 const SUITED: f64 = 0.8;
-/// Least distance (m) at which points come into contact where the threshold is chosen or fitted, not given.
+/// Least contact threshold (m) where it is chosen or fitted, not given.
 pub const LEAST_THRESHOLD: f64 = 1e-4;
 /// Largest threshold (m) that is chosen by the spacing of points.
 const LARGEST_SUITED: f64 = 1e-2;
 
-/// How a [`Scene`] is put together; the defaults fit most recordings.
+/// Options of a [`Scene`]; the defaults fit most recordings.
 #[derive(Debug, Clone)]
 pub struct SceneOptions {
     /// Parameters of contact.
     pub contact: ContactConfig,
-    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2: contact
-    /// moves 8 sub-points per rest point and takes their mean ([`CellContact`]). 1 moves the rest
-    /// points alone, as the paper does, at an eighth of the cost.
+    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8, default 2.
     ///
-    /// All cubes have the edge [`RestPoints::spacing`]. In an uneven cloud they overlap where
-    /// points are dense and leave gaps where they are sparse, so that readings are shared out
-    /// unevenly; take 1 there, or points on a lattice. A cloud whose spacing is 0 (one
-    /// place) moves its points alone.
+    /// With 2, contact moves 8 sub-points per rest point and takes their mean ([`CellContact`]). With 1 it
+    /// moves only the rest points, as the paper does, at an eighth of the cost.
+    ///
+    /// All cubes have the edge [`RestPoints::spacing`]. In an uneven cloud they overlap where points are
+    /// dense and leave gaps where points are sparse, so that readings are divided unevenly between points;
+    /// use 1 there, or points on a lattice. A cloud whose spacing is 0 (a single place) has no sub-points.
     pub subdivision: usize,
-    /// How collision meshes become distance grids.
+    /// How collision meshes are converted to distance grids.
     pub grid: GridOptions,
-    /// Names of the links that may touch; `None` (default) takes all with collision shapes.
+    /// Names of the links that may touch; `None` (default) means all with collision shapes.
     pub links: Option<Vec<String>>,
-    /// Folders of `package://` names in the URDF.
+    /// Folders for `package://` names in the URDF.
     pub packages: BTreeMap<String, PathBuf>,
 }
 
 impl SceneOptions {
-    /// The defaults, with the contact that the torques of a recording were computed in, if they were ([`Dataset::contact`]): in another
-    /// one, such as the default, the difference is a gap.
+    /// The defaults, but with the contact parameters that the torques of a recording were computed with, if
+    /// they were computed ([`Dataset::contact`]). With other parameters, such as the default ones, the
+    /// difference would appear as a model error.
     ///
     /// ```
     /// # use vsf_pipeline::{Scene, SceneOptions};
@@ -63,8 +64,8 @@ impl SceneOptions {
         }
     }
 
-    /// With the parameters of contact that a field was estimated, or a corrected model found, with, in place of its own.
-    /// A scene in which they are to predict needs them.
+    /// Replaces the contact parameters by those that a field was estimated with, or a corrected model found
+    /// with. A scene in which they are to predict needs them.
     ///
     /// ```
     /// # use vsf_pipeline::{Scene, SceneOptions};
@@ -122,8 +123,8 @@ impl Default for SceneOptions {
 /// How far grids of meshes reach beyond the surface that points rest on, at least (m).
 const SPARE: f64 = 0.01;
 
-/// A robot and the points it touches, none in free air: all that contact needs. A clone shares robot, points and
-/// link shapes.
+/// A robot and the points that it touches (none in free air): all that contact needs. Clones share robot,
+/// points and link shapes.
 #[derive(Clone)]
 pub struct Scene {
     robot: Arc<RobotModel>,
@@ -151,11 +152,12 @@ impl fmt::Debug for Scene {
 }
 
 impl Scene {
-    /// The scene of a recording, in the contact of the options; where it was computed in one of its own, [`SceneOptions::of`] it.
+    /// Opens the scene of a recording, with the contact parameters of `options`. For a recording computed
+    /// with parameters of its own, use [`SceneOptions::of`].
     ///
     /// # Errors
     /// No rest points, what [`Dataset::check`] refuses, an unknown or unreadable robot, joints that
-    /// contradict the robot, no collision shapes, parameters out of range.
+    /// contradict the robot, no collision shapes, or parameters out of range.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, PipelineError> {
         let points = dataset
             .rest_points
@@ -164,7 +166,7 @@ impl Scene {
         Self::with_points(dataset, points.ok_or(PipelineError::NoPoints)?, options)
     }
 
-    /// The scene of a recording with other rest points than its own, such as those of a field.
+    /// Opens the scene of a recording with other rest points than its own, such as those of a field.
     ///
     /// # Errors
     /// As [`Scene::open`].
@@ -178,13 +180,15 @@ impl Scene {
         Self::new(robot, points, options).map(|scene| scene.with_readings_of(dataset))
     }
 
-    /// The scene of a recording whose robot is there already, such as one from the text of a URDF
-    /// ([`RobotModel::from_urdf_str`]), with these rest points: the robot is placed where it stood, and torques and gravity
-    /// are those of the recording. The name of its robot is not looked at, nor are packages of the options.
+    /// Creates the scene of a recording from a robot that is already loaded, such as one from the text of a
+    /// URDF ([`RobotModel::from_urdf_str`]), and rest points.
+    ///
+    /// The robot is placed where it stood. Torques and gravity are those of the recording. The recording's
+    /// robot name and the packages of the options are ignored.
     ///
     /// # Errors
-    /// What [`Dataset::check`] refuses, joints that contradict the robot, no rest points, no collision shapes,
-    /// parameters out of range.
+    /// What [`Dataset::check`] refuses, joints that contradict the robot, no rest points, no collision
+    /// shapes, or parameters out of range.
     pub fn with_robot(
         dataset: &Dataset,
         robot: RobotModel,
@@ -206,10 +210,11 @@ impl Scene {
         }
     }
 
-    /// The scene of a robot that is there already, such as one from the text of a URDF
-    /// ([`RobotModel::from_urdf_str`]), placed in the world, with these rest points. Gravity is (0, 0, -9.81) m/s²,
-    /// and torques are external and need no tare; packages of the options are not looked at. A recording has
-    /// [`Scene::with_robot`].
+    /// Creates a scene without a recording, from a robot that is already loaded, such as one from the text
+    /// of a URDF ([`RobotModel::from_urdf_str`]). It must be placed in the world.
+    ///
+    /// Gravity is (0, 0, -9.81) m/s², and torques are external and need no tare. The packages of the
+    /// options are ignored. For a recording use [`Scene::with_robot`].
     ///
     /// ```
     /// use vsf_core::nalgebra::Point3;
@@ -222,7 +227,7 @@ impl Scene {
     /// ```
     ///
     /// # Errors
-    /// No rest points, no collision shapes, parameters out of range.
+    /// No rest points, no collision shapes, or parameters out of range.
     pub fn new(
         robot: impl Into<Arc<RobotModel>>,
         points: Vec<Point3<f64>>,
@@ -291,11 +296,11 @@ impl Scene {
         })
     }
 
-    /// The scene of a recording in which the arm moves in free air: without points, and without the
-    /// shapes of its links. The robot is placed where it stood.
+    /// Creates the scene of a recording in which the arm moves in free air: without points, and without
+    /// link shapes. The robot is placed where it stood.
     ///
     /// # Errors
-    /// What [`Dataset::check`] refuses, joints that contradict the robot.
+    /// What [`Dataset::check`] refuses, or joints that contradict the robot.
     pub fn in_air(dataset: &Dataset, robot: RobotModel) -> Result<Self, PipelineError> {
         dataset.check()?;
         let options = SceneOptions::default();
@@ -314,12 +319,14 @@ impl Scene {
         })
     }
 
-    /// Checks that this is the scene of a recording: the robot has its joints and stands where it stood, and torques and
-    /// gravity mean the same. Points may be others, such as those of a field, and a scene may go without the tare
+    /// Checks that this scene belongs to a recording: the robot has the same joints and stands where it
+    /// stood, and torques and gravity have the same meaning.
+    ///
+    /// Points may differ, such as those of a field, and the scene may omit the tare
     /// ([`Scene::without_tare`]).
     ///
     /// # Errors
-    /// [`PipelineError::OtherScene`], joints that contradict the robot.
+    /// [`PipelineError::OtherScene`], or joints that contradict the robot.
     pub fn check_recording(&self, dataset: &Dataset) -> Result<(), PipelineError> {
         check_joints(dataset, &self.robot)?;
         let differs = [
@@ -333,10 +340,11 @@ impl Scene {
         }
     }
 
-    /// The same scene with other shapes of its links, such as distance functions of one's own, each in the frame of its link.
+    /// The same scene with other link shapes, such as distance functions of your own, each in the frame of
+    /// its link.
     ///
     /// # Errors
-    /// No shape, a link that the robot does not have.
+    /// No shape, or a link that the robot does not have.
     pub fn with_link_shapes(&self, links: Vec<LinkSdf>) -> Result<Self, PipelineError> {
         let robot = self.robot.name();
         if links.is_empty() {
@@ -355,7 +363,7 @@ impl Scene {
         })
     }
 
-    /// The same scene, whose readings are not tared: they have been, or are wanted as a sensor gives them.
+    /// The same scene without taring: readings are tared already, or wanted as the sensor gives them.
     #[must_use]
     pub fn without_tare(self) -> Self {
         Self {
@@ -376,8 +384,7 @@ impl Scene {
         })
     }
 
-    /// The same scene with points that are moved alone, not by what lies around them: contact takes a fraction of the
-    /// time, and is rougher.
+    /// The same scene without sub-points: contact takes a fraction of the time and is less accurate.
     #[must_use]
     pub fn without_subdivision(&self) -> Self {
         Self {
@@ -402,22 +409,22 @@ impl Scene {
         self.gravity
     }
 
-    /// What torques of the recording mean.
+    /// Whether torques of the recording are external or measured.
     pub fn torque_kind(&self) -> TorqueKind {
         self.torque_kind
     }
 
-    /// Samples at the start of each sequence that tare the sensor.
+    /// Number of samples at the start of each sequence that tare the sensor.
     pub fn tare_samples(&self) -> usize {
         self.tare_samples
     }
 
-    /// Quality of the distance grids baked from meshes.
+    /// Quality of the distance grids computed from meshes.
     pub fn grids(&self) -> &[LinkGrid] {
         &self.grids
     }
 
-    /// A fresh contact model of this scene; link shapes and sub-points are shared.
+    /// Creates a new contact model of this scene; link shapes and sub-points are shared.
     ///
     /// # Errors
     /// None in practice: the parameters have been checked.
@@ -429,17 +436,20 @@ impl Scene {
         })
     }
 
-    /// The same scene with a contact threshold that suits the spacing of its points, for estimating a field: 0.8 of
-    /// [`RestPoints::spacing`] to a hundredth of a millimeter, from 0.1 mm to 1 cm; a cloud without spacing keeps the
-    /// threshold that it has. A point stands for what lies around it, up to half a spacing away along an edge and 0.87
-    /// of one along a diagonal.
+    /// The same scene with a contact threshold that suits the spacing of its points, for estimating a
+    /// field.
     ///
-    /// The paper's 2 mm leave gaps between points 1 cm apart, where a thin link or twig passes unfelt. Which share of
-    /// the spacing is best was settled on recordings of plants (1 cm) and of silicone (1.5 and 2.5 mm): with 0.65 and
-    /// with 0.8, errors are smaller than with 2 mm, or as small, in all where touched places are touched again.
+    /// The threshold is 0.8 of [`RestPoints::spacing`], rounded to a hundredth of a millimeter, from 0.1 mm
+    /// to 1 cm. A cloud without spacing keeps its threshold. A point stands for its surroundings, up to
+    /// half a spacing away along an edge and 0.87 of one along a diagonal.
+    ///
+    /// The paper's 2 mm leave gaps between points 1 cm apart, where a thin link or twig passes unfelt. The
+    /// share of the spacing was chosen on recordings of plants (1 cm) and of silicone (1.5 and 2.5 mm).
+    /// With 0.65 and with 0.8, errors are smaller than with 2 mm, or as small, in all recordings where
+    /// touched places are touched again.
     ///
     /// # Errors
-    /// Surfaces that are drawn in by more than the threshold.
+    /// A negative padding whose size is that of the threshold or more.
     pub fn with_suited_threshold(&self) -> Result<Self, PipelineError> {
         let spacing = self.rest.spacing();
         let threshold = if spacing > 0.0 {
@@ -458,7 +468,7 @@ impl Scene {
         &self.contact
     }
 
-    /// The parameters of contact that a field estimated in this scene, or a model found in it, remembers.
+    /// The contact parameters to store with a field estimated in this scene, or with a model found in it.
     pub fn contact_parameters(&self) -> ContactParameters {
         let ContactConfig {
             threshold,
@@ -481,9 +491,9 @@ impl Scene {
         }
     }
 
-    /// Parameters of contact that were stored elsewhere, in the form that a scene of this robot
-    /// [gives](Scene::contact_parameters) them: names of links that cannot touch are left out, and where all that can are
-    /// named, none is chosen.
+    /// Converts contact parameters stored elsewhere to the form that
+    /// [`contact_parameters`](Scene::contact_parameters) has for this robot. Names of links that cannot
+    /// touch are dropped; if all that can touch are named, the choice becomes `None`.
     pub fn as_stored_here(&self, contact: &ContactParameters) -> ContactParameters {
         let links = contact.links.as_deref();
         ContactParameters {
@@ -492,7 +502,7 @@ impl Scene {
         }
     }
 
-    /// Shapes of the links that may touch, each in the frame of its link; none in free air.
+    /// Shapes of the links that may touch, each in the frame of its link; empty in free air.
     pub fn link_shapes(&self) -> &[LinkSdf] {
         &self.links
     }
@@ -502,7 +512,7 @@ impl Scene {
         self.subdivision
     }
 
-    /// Unit of joint `j`'s readings: `N m`, or `N` for a sliding joint.
+    /// Unit of the readings of joint `j`: `N m`, or `N` for a sliding joint.
     pub fn unit(&self, j: usize) -> &'static str {
         self.robot.joints().get(j).map_or("N m", reading_unit)
     }

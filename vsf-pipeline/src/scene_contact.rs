@@ -4,14 +4,14 @@ use vsf_core::{ContactModel, Contacts, CoreError, LinkChains, Posture, RestPoint
 /// A touch that begins may be at least so deep in a link (m): the arm moves on from sample to sample.
 const LEAST_DEEP: f64 = 2e-3;
 
-/// The contact model of a [`Scene`](crate::Scene). A clone remembers the same contacts and shares link shapes and
-/// sub-points.
+/// The contact model of a [`Scene`](crate::Scene). A clone has the same contacts, and shares link shapes
+/// and sub-points.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum SceneContact {
-    /// The rest points alone are moved.
+    /// Contact moves only the rest points.
     Points(StickSlip),
-    /// Each rest point stands for a cube.
+    /// Each rest point stands for a cube of sub-points.
     Cells(CellContact<StickSlip>),
 }
 
@@ -23,13 +23,14 @@ impl SceneContact {
         }
     }
 
-    /// Distance from a link's surface at which points in contact rest (m): threshold and padding.
+    /// Distance from a link's surface at which points in contact rest (m): threshold plus padding.
     pub fn level(&self) -> f64 {
         self.points().config().level()
     }
 
-    /// What was moved in the last step, whose `contacts` are these: they themselves, or the contacts of sub-points, whose
-    /// displacements in and around a small tip cancel each other in the mean of a cell.
+    /// What was moved in the last step, which gave `contacts`: these contacts themselves, or those of the
+    /// sub-points. Displacements of sub-points in and around a small tip cancel each other in the mean of a
+    /// cell.
     pub fn moved<'a>(&'a self, contacts: &'a Contacts) -> &'a Contacts {
         match self {
             Self::Points(_) => contacts,
@@ -37,9 +38,13 @@ impl SceneContact {
         }
     }
 
-    /// How far a link may displace what it [moves](Self::moved) where a touch begins (m), link by link of the robot: with the arm
-    /// deeper inside of the object, the beginning was not seen. Beyond the [`level`](Self::level) that is the `spacing` of the points, or half
-    /// of what the link is [thick](thickness), 2 mm at least: no point comes deeper than that into a thin one.
+    /// Largest displacement (m) of [moved](Self::moved) points by each link of the robot where a touch
+    /// begins. If it is larger, the arm is deeper inside of the object, and the beginning of the touch was
+    /// not seen.
+    ///
+    /// It is the [`level`](Self::level) plus the `spacing` of the points, or plus half of how
+    /// [thick](thickness) the link is (2 mm at least), whichever is less: no point gets deeper than that
+    /// into a thin link.
     pub fn deepest_starts(&self, spacing: f64) -> Vec<f64> {
         let mut deepest = Vec::new();
         for LinkSdf { link, sdf } in self.points().links() {

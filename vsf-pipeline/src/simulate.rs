@@ -6,15 +6,17 @@ use rand_pcg::Pcg64Mcg;
 use vsf_core::CoreError;
 use vsf_data::{Sequence, Table, TorqueKind};
 
-/// The `sequences` with the readings that the field `stiffness` (N/m per rest point) gives, without noise
-/// ([`add_noise`]). `traces` are their contacts ([`Scene::traces`]).
+/// Returns the `sequences` with the readings that the field `stiffness` (N/m per rest point) gives, without
+/// noise ([`add_noise`]).
 ///
-/// Torques are external; for a scene of measured torques they are what the arm needs to
-/// move ([`crate::rigid_body_torques`]) less that.
+/// `traces` are the contacts of the sequences ([`Scene::traces`]). Torques are external. For a scene of
+/// measured torques they are the torques that the arm needs to move ([`crate::rigid_body_torques`]) minus
+/// the external ones.
 ///
 /// # Errors
 /// A field of another size, stiffness that is negative or not finite, sequences that [`Sequence::check`]
-/// refuses, traces of other lengths than these or that [`Trace::check`] refuses, measured torques whose motion is not known ([`derivatives_of`]).
+/// refuses, traces that [`Trace::check`] refuses or whose lengths are not those of the sequences, or
+/// measured torques whose velocities and accelerations cannot be determined ([`derivatives_of`]).
 pub fn simulate(
     scene: &Scene,
     stiffness: &[f64],
@@ -59,10 +61,12 @@ pub fn simulate(
     Ok(simulated)
 }
 
-/// Adds independent noise of `noise_sd` to every reading, seeded: same seed, same bits.
+/// Adds independent noise of standard deviation `noise_sd` to every reading. The same seed gives the same
+/// bits.
 ///
 /// # Errors
-/// A noise that is negative or not finite, or so large that readings are not; the sequences are then as they were.
+/// A noise that is negative, not finite, or so large that readings are not finite. The sequences are then
+/// unchanged.
 pub fn add_noise(
     sequences: &mut [Sequence],
     noise_sd: f64,

@@ -9,14 +9,14 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 use vsf_core::{Belief, CoreError};
 
-/// What [`soak()`] runs.
+/// Options of [`soak()`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SoakOptions {
     /// Number of rest points in a cube of 0.33 m, default 100,000. It is rounded to a cube number.
     pub points: usize,
     /// The estimator, default [`FilterSpec::replay`].
     pub estimator: FilterSpec,
-    /// How long it takes (s), default 60, more than 0.
+    /// Duration of the run (s), default 60, more than 0.
     pub seconds: f64,
 }
 
@@ -34,9 +34,9 @@ impl Default for SoakOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SoakTenth {
-    /// Steps in it.
+    /// Number of steps in it.
     pub steps: usize,
-    /// Most contacts of a step.
+    /// Largest number of contacts in a step.
     pub contacts: usize,
     /// Median of the step (ms).
     pub median_ms: f64,
@@ -44,26 +44,26 @@ pub struct SoakTenth {
     pub p99_ms: f64,
     /// The longest step (ms).
     pub max_ms: f64,
-    /// Resident memory of the process at its end (MB), where the system tells.
+    /// Resident memory of the process at its end (MB), if the system reports it.
     pub resident_mb: Option<f64>,
 }
 
-/// How an online estimation does over time, in `f32`, on one thread.
+/// Performance of an online estimation over time, in `f32`, on one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SoakReport {
     /// Rest points.
     pub points: usize,
-    /// Samples a second that are due.
+    /// Samples due per second.
     pub rate_hz: f64,
-    /// Steps of the run.
+    /// Number of steps of the run.
     pub steps: usize,
-    /// Steps that had not ended when the next sample was due.
+    /// Number of steps that had not ended when the next sample was due.
     pub late: usize,
-    /// Resident memory of the process before the first step (MB), where the system tells. The past
-    /// observations of the replays come on top, up to [`vsf_filter::ReplayConfig::byte_budget`].
+    /// Resident memory of the process before the first step (MB), if the system reports it. The buffer of
+    /// past observations for replays comes on top, up to [`vsf_filter::ReplayConfig::byte_budget`].
     pub resident_start_mb: Option<f64>,
-    /// Resident memory of the process after the last step (MB), where the system tells.
+    /// Resident memory of the process after the last step (MB), if the system reports it.
     pub resident_end_mb: Option<f64>,
     /// The run in ten parts of equal time.
     pub tenths: Vec<SoakTenth>,
@@ -78,11 +78,12 @@ const LONGEST: f64 = 1e9;
 /// Half of the points have one of these, half the other (N/m).
 const TRUTH: [f32; 2] = [10.0, 30.0];
 
-/// Runs an online estimation at 1 kHz for a time: a Kinova Gen3 pushes slowly into a cube of points
-/// of known stiffness and back, again and again, and learns from noisy torques. It needs no data.
+/// Runs an online estimation at 1 kHz for a given time. A Kinova Gen3 repeatedly pushes slowly into a cube
+/// of points of known stiffness and back, and learns from noisy torques. Needs no data.
 ///
 /// # Errors
-/// No points or more than [`RestPoints`](vsf_core::RestPoints) holds, a time that is not positive or beyond 1e9 s.
+/// No points or more than [`RestPoints`](vsf_core::RestPoints) holds, or a time that is not positive or
+/// beyond 1e9 s.
 pub fn soak(options: &SoakOptions) -> Result<SoakReport, PipelineError> {
     let side = (options.points as f64).cbrt().round() as usize;
     if side == 0 {

@@ -1,4 +1,4 @@
-//! Estimates as fields on disk, and what these say.
+//! Conversion between estimates and fields on disk.
 
 use crate::{Estimate, Hyper, PipelineError, Scene, Trace};
 use vsf_core::Belief;
@@ -12,13 +12,17 @@ const NOISE_SD: &str = "noise_sd";
 const MOST: f64 = 1e100;
 
 impl Estimate {
-    /// The field to store, by [`StiffnessField::save_npz`] and its like. All that predictions with their deviations
-    /// need is in it: mean and deviation of every point; the parameters of contact, and where the robot stood; as features, which points were
-    /// `touched`, the deviation of the prior (`prior_sd`, all its parts together) and of the readings (`noise_sd`, a
-    /// column per channel); the name of the `recording` and the sequences of it that `traces` are of.
+    /// Converts the estimate to a field to store, with [`StiffnessField::save_npz`] and its like.
+    ///
+    /// The field has all that predictions with deviations need:
+    /// - mean and deviation of every point;
+    /// - the parameters of contact, and where the robot stood;
+    /// - as features, which points were `touched`, the deviation of the prior (`prior_sd`, all its parts
+    ///   together) and that of the readings (`noise_sd`, a column per channel);
+    /// - the name of the `recording`, and the sequences of it that `traces` are of.
     ///
     /// # Errors
-    /// An estimate of another number of points than the scene.
+    /// An estimate with a number of points other than that of the scene.
     pub fn to_field(
         &self,
         scene: &Scene,
@@ -56,16 +60,17 @@ impl Estimate {
     }
 }
 
-/// What a field on disk says of the estimate it was, whoever wrote it.
+/// An estimate read from a field on disk, whoever wrote it.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct StoredEstimate {
-    /// Mean and variance. Where the field has no deviation, or 0, the variance is next to nothing: a belief has one.
+    /// Mean and variance. If the field has no deviation, or 0, the variance is next to nothing, since a
+    /// belief must have one.
     pub belief: Belief<f64>,
-    /// Which points were touched; empty where the field does not say.
+    /// Which points were touched; empty if the field does not say.
     pub touched: Vec<bool>,
-    /// Deviation of the stiffness of a point before it was touched (N/m), all parts of the prior together, if the field
-    /// says.
+    /// Deviation of the stiffness of a point before it was touched (N/m), all parts of the prior together;
+    /// `None` if the field does not say.
     pub prior_sd: Option<f64>,
     /// Deviation of the readings (N m or N), one for all channels or one each, if the field says.
     noise_sd: Option<Vec<f64>>,
@@ -73,11 +78,11 @@ pub struct StoredEstimate {
 }
 
 impl StoredEstimate {
-    /// Reads what [`Estimate::to_field`] writes.
+    /// Reads a field that [`Estimate::to_field`] may have made.
     ///
     /// # Errors
-    /// [`PipelineError::Stored`]: a stiffness or deviation that is negative or beyond 1e100 N/m; a feature `touched`,
-    /// `prior_sd` or `noise_sd` that is not what `to_field` makes of it.
+    /// [`PipelineError::Stored`]: a stiffness or deviation that is negative or beyond 1e100 N/m, or a
+    /// feature `touched`, `prior_sd` or `noise_sd` that `to_field` could not have written.
     pub fn of(field: &StiffnessField) -> Result<Self, PipelineError> {
         within("K", &field.stiffness)?;
         within("K_std", field.sd.as_deref().unwrap_or_default())?;
@@ -103,20 +108,21 @@ impl StoredEstimate {
         })
     }
 
-    /// Whether the field says all that deviations of predicted readings need.
+    /// Whether the field has all that the deviations of predicted readings need.
     pub fn has_deviations(&self) -> bool {
         self.has_sd && self.noise_sd.is_some()
     }
 
-    /// Deviation of the readings (N m or N) as the field has it, one for all channels or one each; `None` where it does not say.
+    /// Deviation of the readings (N m or N) as stored, one for all channels or one each; `None` if the
+    /// field does not say.
     pub fn stored_noise_sd(&self) -> Option<&[f64]> {
         self.noise_sd.as_deref()
     }
 
-    /// Deviation of the reading of each of `channels` (N m or N), `None` where the field does not say.
+    /// Deviation of the readings of each of `channels` (N m or N); `None` if the field does not say.
     ///
     /// # Errors
-    /// [`PipelineError::Stored`] for a field of another number of channels.
+    /// [`PipelineError::Stored`] if the field has another number of channels.
     pub fn noise_sd(&self, channels: usize) -> Result<Option<Vec<f64>>, PipelineError> {
         match self.noise_sd.as_deref() {
             None => Ok(None),

@@ -15,21 +15,21 @@ use vsf_filter::{DiagonalForm, DualConfig, Projection, ReplayConfig};
 pub struct Table1Cell {
     /// `replay 0`, `replay 10`, `replay 20`, `dual 20`, `exact` or `batch`.
     pub estimator: String,
-    /// The paper's figure: mean error over the samples of a train sequence, by the field at the end
-    /// of that sequence; averaged over the sequences. For `batch` by the field of all.
+    /// The error of the paper: mean error over the samples of a train sequence, predicted by the field at
+    /// the end of that sequence; averaged over the sequences. `batch` uses the field of all sequences.
     pub fit_error: f64,
-    /// Standard deviation of that over the sequences.
+    /// Standard deviation of that error over the sequences.
     pub fit_sd: f64,
     /// Mean error over the samples of the test sequences.
     pub test_error: f64,
-    /// Standard deviation of that over the samples.
+    /// Standard deviation of that error over the samples.
     pub test_sd: f64,
-    /// Samples a second, those in the air included, contact and estimator together, on one thread (`exact` uses
-    /// the threads of the rayon pool). `None` for `batch`, which is not recursive.
+    /// Samples per second, including those in the air, for contact and estimator together, on one thread
+    /// (`exact` uses the threads of the rayon pool). `None` for `batch`, which is not recursive.
     pub rate_hz: Option<f64>,
 }
 
-/// The row of Table I of one recording.
+/// One recording: a row of Table I.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Table1Row {
@@ -39,21 +39,21 @@ pub struct Table1Row {
     pub unit: String,
     /// Mean number of contacts over the train samples in contact.
     pub mean_contacts: f64,
-    /// Points that the train sequences touch.
+    /// Number of points that the train sequences touch.
     pub touched_points: usize,
-    /// The prior and noise of all estimators.
+    /// Prior and noise of all estimators.
     pub hyper: Hyper,
-    /// Error on the test sequences of predicting no torque.
+    /// Error of predicting zero torque on the test sequences.
     pub zero_error: f64,
     /// One cell per estimator.
     pub cells: Vec<Table1Cell>,
 }
 
-/// Estimation with and without memory replay beside the exact posterior and the constrained
-/// optimum, all with the same prior and noise, chosen from the train sequences (Table I).
+/// Compares estimation with and without memory replay, the exact posterior and the constrained optimum
+/// (Table I). All use the same prior and noise, chosen from the train sequences.
 ///
 /// # Errors
-/// Train sequences that touch nothing; failures of an estimator.
+/// Train sequences that touch nothing, or failures of an estimator.
 pub fn table1(experiment: &Experiment) -> Result<Table1Row, PipelineError> {
     let (scene, hyper) = (experiment.scene(), experiment.hyper()?);
     let (train, test) = (experiment.train_traces(), experiment.test_traces());

@@ -9,27 +9,32 @@ use vsf_core::{
 use vsf_data::{Sequence, Table};
 use vsf_robots::JointTorques;
 
-/// The observations of one sequence, one per sample: contacts and columns are computed once and serve every estimator and
-/// every choice of prior and noise. [`Scene::trace`] gives them unit noise; [`estimate`](crate::estimate()) replaces
-/// whatever noise they have.
+/// The observations of one sequence, one per sample.
+///
+/// Contacts and columns are computed once and serve every estimator and every choice of prior and noise.
+/// [`Scene::trace`] gives the observations unit noise; [`estimate`](crate::estimate()) replaces whatever
+/// noise they have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     /// ID of the sequence.
     pub id: String,
     /// Time of each sample (s).
     pub time: Vec<f64>,
-    /// One observation per sample; free samples have no points.
+    /// One observation per sample; samples in free air have no points.
     pub observations: Vec<Observation<f64>>,
-    /// Samples of each touch, in order and without gaps: contacts are forgotten where one begins.
+    /// Sample ranges of the touches, in order and without gaps. Contacts are forgotten where a touch
+    /// begins.
     pub touches: Vec<Range<usize>>,
 }
 
 impl Trace {
-    /// Checks that the trace fits so many rest points and joints: times that go on and an observation of these for
-    /// every sample, touches that follow each other from the first sample to the last.
+    /// Checks that the trace fits the given numbers of rest points and joints.
+    ///
+    /// Every sample must have an observation that fits, times must increase, and touches must cover all
+    /// samples in order, without gaps.
     ///
     /// # Errors
-    /// The first sample or touch that does not fit; it is named.
+    /// The first sample or touch that does not fit, which is named.
     pub fn check(&self, points: usize, joints: usize) -> Result<(), PipelineError> {
         let rows = self.observations.len();
         let at = |row| {
@@ -80,7 +85,7 @@ impl Trace {
     /// The same observations with another noise.
     ///
     /// # Errors
-    /// Noise of another dimension, or so small that a reading overflows in it.
+    /// Noise of another dimension, or noise so small that a reading overflows when it is whitened.
     pub fn with_noise(&self, noise: &Noise) -> Result<Self, CoreError> {
         let mut trace = self.clone();
         for obs in &mut trace.observations {
@@ -111,8 +116,10 @@ impl Trace {
         total as f64 / self.contact_samples().max(1) as f64
     }
 
-    /// The share of contact that is at points which are not `touched` elsewhere, by the readings that springs of one
-    /// stiffness everywhere would give there; `None` without contact. Points beyond the list count as touched.
+    /// Share of contact at points that are not `touched` elsewhere; `None` without contact.
+    ///
+    /// Contact is weighted by the readings that springs of equal stiffness at all points would give. Points
+    /// beyond the list count as touched.
     pub fn share_of_new(&self, touched: &[bool]) -> Option<f64> {
         let (mut new, mut all) = (0.0, 0.0);
         for observation in &self.observations {
@@ -130,8 +137,8 @@ impl Trace {
 }
 
 impl Scene {
-    /// [`Scene::trace`] of every sequence, in order, on the threads of the current rayon pool.
-    /// `done` is called after each.
+    /// Runs [`Scene::trace`] on every sequence, on the threads of the current rayon pool. The results are
+    /// in order. `done` is called after each sequence.
     ///
     /// # Errors
     /// As [`Scene::trace`].
@@ -148,22 +155,27 @@ impl Scene {
     /// begins.
     ///
     /// # Errors
-    /// A sequence that [`Sequence::check`] refuses, or a row that robot, contact or sensor cannot take; it
-    /// is named.
+    /// A sequence that [`Sequence::check`] refuses, or a row that robot, contact or sensor cannot take,
+    /// which is named.
     pub fn trace(&self, sequence: &Sequence) -> Result<Trace, PipelineError> {
         let torques = external_torques(self, sequence)?;
         let sensor = JointTorques::new(Noise::uniform(self.robot().joint_count(), 1.0)?);
         self.observe(sequence, &sensor, &torques)
     }
 
-    /// The same with another sensor, such as a force gauge at the wrist: `readings` has a row of its channels for every
-    /// sample, as the load of the environment on the robot. [`crate::choose_hyper`], [`crate::estimate`] and
-    /// [`crate::predict`] take such traces; what is of joint torques alone ([`crate::score`], [`crate::reading_warnings`],
-    /// [`crate::Experiment`]) refuses those with another number of channels than the robot has joints. Readings are taken
-    /// as they are: not tared, and the weight of what the gauge carries not taken off.
+    /// Like [`trace`](Self::trace), with another sensor, such as a force gauge at the wrist.
+    ///
+    /// `readings` has one row per sample and one column per channel, as the load of the environment on the
+    /// robot. Readings are used as they are: they are not tared, and the weight of what the gauge carries
+    /// is not removed.
+    ///
+    /// [`crate::choose_hyper`], [`crate::estimate`] and [`crate::predict`] accept such traces. Functions
+    /// for joint torques only ([`crate::score`], [`crate::reading_warnings`], [`crate::Experiment`]) refuse
+    /// traces whose number of channels is not the number of joints.
     ///
     /// # Errors
-    /// As [`Scene::trace`]; a sensor for another robot, readings of another number of rows than the sequence.
+    /// As [`Scene::trace`]; also a sensor for another robot, or readings whose number of rows is not that
+    /// of the sequence.
     pub fn observe(
         &self,
         sequence: &Sequence,
@@ -187,12 +199,12 @@ impl Scene {
         })
     }
 
-    /// Moves the robot through a sequence and shows `visit` the row, the posture and the contacts of
+    /// Moves the robot through a sequence and calls `visit` with the row, the posture and the contacts of
     /// every sample, in order. Contacts are forgotten where a touch begins.
     ///
     /// # Errors
-    /// A sequence that [`Sequence::check`] refuses, or a row that robot or contact cannot take, or that `visit`
-    /// refuses; it is named.
+    /// A sequence that [`Sequence::check`] refuses, or a row that robot, contact or `visit` refuses, which
+    /// is named.
     pub fn follow(
         &self,
         sequence: &Sequence,

@@ -12,38 +12,38 @@ use vsf_vision::{
     Camera, Extrapolation, LearnedPrior, RegressorSpec, RgbdView, Seen, VisionError, fit_level,
 };
 
-/// How the stiffness of points is guessed from what the camera sees.
+/// How the stiffness of points is predicted from a camera image.
 #[derive(Debug, Clone, PartialEq, Default)]
 #[non_exhaustive]
 pub enum VisionSpec {
-    /// One stiffness for all that is seen, fading behind the surface, at the level that the readings
-    /// ask for ([`fit_level`]); the default.
+    /// One stiffness for all that is seen, fading behind the surface, at the level that fits the readings
+    /// ([`fit_level`]); the default.
     #[default]
     Level,
     /// Regression of the touched points' stiffness on position and color ([`Extrapolation`], section
     /// III-D).
     Regression(RegressorSpec),
-    /// What fields of other objects teach ([`LearnedPrior::stiffness`]); the touches of this one have no part
-    /// in it.
+    /// A prior learned from fields of other objects ([`LearnedPrior::stiffness`]). The touches of this
+    /// object are not used.
     Learned(Arc<LearnedPrior>),
 }
 
-/// A field whose prior is what the camera and the touches suggest.
+/// A field whose prior was predicted from a camera image and the touches.
 #[derive(Debug, Clone)]
 pub struct VisionEstimate {
-    /// The field; points never touched have the mean that is guessed for them.
+    /// The field. Its prior means are the predicted ones, times `share`.
     pub estimate: Estimate,
-    /// How much of the guess the prior takes over, 0 to 1.
+    /// Share of the predicted means that the prior adopts, 0 to 1.
     pub share: f64,
-    /// Shares that were tried; none with a single touch.
+    /// Shares that were tried; empty with a single touch.
     pub candidates: Vec<VisionCandidate>,
 }
 
-/// One tried share.
+/// One share that was tried.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct VisionCandidate {
-    /// Of the guess.
+    /// Share of the predicted means.
     pub share: f64,
     /// Mean error norm on held-out touches.
     pub error: f64,
@@ -55,10 +55,10 @@ const RULE: f64 = 0.5;
 /// Least number of points that are touched and seen, to guess the others from.
 const LEAST_SEEN: usize = 2;
 
-/// The view of a recording.
+/// Converts the camera view of a recording.
 ///
 /// # Errors
-/// Images or a camera that do not fit.
+/// Images or a camera that are invalid.
 pub fn rgbd_view(view: &CameraView) -> Result<RgbdView, PipelineError> {
     let camera = Camera {
         fx: view.fx,
@@ -78,16 +78,16 @@ pub fn rgbd_view(view: &CameraView) -> Result<RgbdView, PipelineError> {
     )?)
 }
 
-/// Runs an estimator over sequences from a prior whose means are guessed for all points, touched or
-/// not, from one view and from these sequences.
+/// Runs an estimator over sequences, from a prior whose means are predicted for all points, touched or not.
+/// The prediction uses one view and these sequences.
 ///
-/// First touches may be unlike the rest of the object (section IV-D). So the touches, dealt to at
-/// most ten parts, are held out in turn and predicted by the constrained optimum of the others, with none,
-/// half or all of what they suggest; the best share of the guess is taken, half of it when there is only
-/// one touch.
+/// First touches may be unlike the rest of the object (section IV-D). Therefore the prior adopts none, half
+/// or all of the predicted means, whichever is best on held-out touches. To find out, the touches are dealt
+/// to at most ten parts, and each part is predicted by the constrained optimum of the others. With a single
+/// touch the share is half.
 ///
-/// The readings form the guess and then the field. They count twice, the more so the finer the guess: held-out
-/// touches, which have no part in either, say whether that does harm.
+/// The readings determine first the prediction and then the field. They count twice, the more so the finer
+/// the prediction. Held-out touches, which are used in neither, show whether that does harm.
 ///
 /// # Errors
 /// As [`estimate`](crate::estimate) and [`Extrapolation::fit`].

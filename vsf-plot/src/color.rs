@@ -27,12 +27,12 @@ const INFERNO: [Rgb; 17] = [
     [252, 255, 164],
 ];
 
-/// Color of `t` in 0..=1: pale yellow for soft, over red, to dark violet for stiff. Values outside
-/// take the color of the nearer end.
+/// Maps `t` in 0..=1 to a color: from pale yellow for soft, over red, to dark violet for stiff. Values
+/// outside take the color of the nearer end.
 ///
-/// Inferno runs backward so that on white paper more ink means stiffer, and stops short of its
-/// ends, which are nearly white and nearly black. Clouds for viewers with a dark background are colored by
-/// `vsf_data::color`, bright where stiff.
+/// This is Inferno reversed, so that on white paper more ink means stiffer. The ends of Inferno are left
+/// out, since they are nearly white and nearly black. For viewers with a dark background, `vsf_data::color`
+/// colors clouds bright where stiff.
 ///
 /// ```
 /// let [soft, stiff] = [0.0, 1.0].map(vsf_plot::stiffness_color);
@@ -54,10 +54,10 @@ pub(crate) fn mix(a: Rgb, b: Rgb, f: f64) -> Rgb {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum ColorLimit {
-    /// The quantile of the positive drawn values at this level, in (0, 1]. Robust against a few
-    /// runaway points. Where fewer points are stiff than the level leaves out, state a `Value`.
+    /// The quantile, at this level in (0, 1], of the positive values that are drawn. Robust against a few
+    /// runaway points. If the stiff points are fewer than the level leaves out, use a `Value`.
     Quantile(f64),
-    /// This value \[N/m\], > 0. For pictures that are to be compared with each other.
+    /// This value \[N/m\], > 0. For pictures that will be compared with each other.
     Value(f64),
 }
 
@@ -69,7 +69,7 @@ impl Default for ColorLimit {
 }
 
 impl ColorLimit {
-    /// The limit \[N/m\] for these values; 1 where no value is positive.
+    /// The limit \[N/m\] for the given values; 1 if no value is positive.
     ///
     /// # Errors
     /// [`PlotError::Parameter`] for a value or a level outside its range.

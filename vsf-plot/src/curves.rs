@@ -31,19 +31,19 @@ const FRAME: Rect = Rect {
 const LEGEND_TOP: f64 = 72.0;
 const LINE: f64 = 26.0;
 
-/// One curve: places with values, joined by lines, and a bar at each.
+/// One curve: points joined by lines, each with an optional error bar.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Curve<'a> {
     /// Name in the legend.
     pub name: &'a str,
-    /// Places, each within ±1e12. At least one.
+    /// Horizontal positions, each within ±1e12. At least one.
     pub x: &'a [f64],
-    /// Values, one per place, within ±1e12; at least 1e-12 on a logarithmic axis.
+    /// Values, one per position, within ±1e12; at least 1e-12 on a logarithmic axis.
     pub y: &'a [f64],
-    /// Lower ends of the bars, one per place, or empty for no bars. They may lie outside of the
-    /// axis, which follows the values: the bars end at the frame.
+    /// Lower ends of the bars, one per position, or empty for no bars. They may lie outside of the axis
+    /// range, which follows the values; the bars are then cut off at the frame.
     pub low: &'a [f64],
-    /// Upper ends of the bars; as many.
+    /// Upper ends of the bars, as many as `low`.
     pub high: &'a [f64],
 }
 
@@ -73,13 +73,13 @@ pub struct Curve<'a> {
 pub struct CurvePlot<'a> {
     /// The curves, 1 to 7.
     pub curves: &'a [Curve<'a>],
-    /// First line of the picture. May be empty. In a PNG, characters outside Latin-1 read `?`.
+    /// First line of the picture. May be empty. In a PNG, characters outside Latin-1 are shown as `?`.
     pub title: &'a str,
-    /// What lies along the horizontal axis, with its unit.
+    /// Label of the horizontal axis, with its unit.
     pub x_label: &'a str,
-    /// What lies along the vertical axis, with its unit.
+    /// Label of the vertical axis, with its unit.
     pub y_label: &'a str,
-    /// Whether the vertical axis is logarithmic. A linear one begins at zero if no value is below.
+    /// Whether the vertical axis is logarithmic. A linear axis begins at zero if no value is negative.
     pub log_y: bool,
 }
 
@@ -89,11 +89,11 @@ impl CurvePlot<'_> {
     /// Height of the picture \[px\].
     pub const HEIGHT: u32 = 640;
 
-    /// The picture as a PNG file, 1000 x 640 pixels. Equal input gives equal bytes.
+    /// Renders the picture as a PNG file, 1000 x 640 pixels. Equal input gives equal bytes.
     ///
     /// # Errors
-    /// [`PlotError::Empty`] without curves or places, [`PlotError::TooMany`] curves,
-    /// [`PlotError::Length`], [`PlotError::NotFinite`] or [`PlotError::OutOfRange`] for data outside
+    /// [`PlotError::Empty`] without curves or positions, [`PlotError::TooMany`] curves,
+    /// [`PlotError::Length`], [`PlotError::NotFinite`] or [`PlotError::OutOfRange`] for data that violate
     /// what the fields state, [`PlotError::Encode`].
     pub fn png(&self) -> Result<Vec<u8>, PlotError> {
         self.check()?;
@@ -102,7 +102,7 @@ impl CurvePlot<'_> {
         canvas.into_png()
     }
 
-    /// The picture as an SVG file. Equal input gives equal bytes.
+    /// Renders the picture as an SVG file. Equal input gives equal bytes.
     ///
     /// # Errors
     /// As [`png`](Self::png).

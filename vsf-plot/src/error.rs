@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-/// What can be wrong with data handed to a picture.
+/// What can be wrong with the data of a picture.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum PlotError {

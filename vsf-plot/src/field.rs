@@ -14,14 +14,14 @@ const STIFF: f64 = 1e15;
 /// A picture of a stiffness field: a three-quarter view, a top view and a side view, with a
 /// color bar.
 ///
-/// Inside a dense volumetric cloud the stiff spots would hide behind soft points. Therefore
-/// - the top and side view show the *stiffest* point along each line of sight (a maximum
-///   intensity projection, as in medical imaging), at one common scale;
-/// - the three-quarter view draws far to near, and a point's size and opacity grow with its
+/// In a dense volumetric cloud, soft points would hide the stiff spots. Therefore
+/// - the top and side view show the *stiffest* point along each line of sight (a maximum intensity
+///   projection, as in medical imaging), at one common scale;
+/// - the three-quarter view draws from far to near, and the size and opacity of a point grow with its
 ///   stiffness, so that soft material is a haze around the stiff parts.
 ///
-/// All views are orthographic, so that lengths can be read off the axes. Gray is never stiffness:
-/// it marks points that were not touched and, on request, the visible surface of the object.
+/// All views are orthographic, so that lengths can be read off the axes. Gray never means stiffness. It
+/// marks points that were not touched and, on request, the visible surface of the object.
 ///
 /// ```
 /// use nalgebra::Point3;
@@ -55,28 +55,29 @@ pub struct FieldView<'a> {
     /// One value per point \[N/m\], 0 ..= 1e15: the estimated stiffness, or its standard deviation
     /// together with a matching [`quantity`](Self::quantity).
     pub stiffness: &'a [f64],
-    /// One flag per point, or empty when all points count. A point with `false` was not touched:
-    /// its value says nothing, so it is drawn in gray and does not influence the colors.
+    /// One flag per point, or empty if all points were touched. A point with `false` was not touched: its
+    /// value means nothing, so it is drawn in gray and does not influence the colors.
     pub touched: &'a [bool],
-    /// Points without a value that help to recognize the object, such as the surface a camera
-    /// saw \[m\]. Drawn faintly, behind the field. May be empty.
+    /// Points without a value that help to recognize the object, such as the surface seen by a camera
+    /// \[m\]. Drawn faintly, behind the field. May be empty.
     pub context_W: &'a [Point3<f64>],
     /// One sRGB color per context point, or empty for gray.
     pub context_colors: &'a [Rgb],
-    /// Outline of the robot: polylines in the world frame \[m\], such as the link frames' origins
-    /// from base to tool. Cut off at the panel's edge; the picture frames the points only.
+    /// Outline of the robot: polylines in the world frame \[m\], such as the origins of the link frames
+    /// from base to tool. The picture is framed to the points only; the robot is cut off at the panel's
+    /// edge.
     pub robot_W: &'a [Vec<Point3<f64>>],
-    /// First line of the picture. May be empty. In a PNG, characters outside Latin-1 read `?`.
+    /// First line of the picture. May be empty. In a PNG, characters outside Latin-1 are shown as `?`.
     pub title: &'a str,
-    /// What the values are: caption of the color bar, without its unit, and name of the largest value
-    /// in the legend. Default "stiffness".
+    /// Name of the quantity, without its unit. It is the caption of the color bar and names the largest
+    /// value in the legend. Default "stiffness".
     pub quantity: &'a str,
     /// Upper end of the color bar. Default: the 99 % quantile.
     pub limit: ColorLimit,
-    /// Where the three-quarter view is seen from: degrees from +x about +z. Default -60. The side
-    /// view is seen from the nearest horizontal axis.
+    /// Azimuth of the viewpoint of the three-quarter view: degrees from +x about +z. Default -60. The side
+    /// view is seen along the horizontal axis nearest to it.
     pub azimuth_deg: f64,
-    /// Height of that viewpoint, 5 ..= 85 degrees above the horizon. Default 25.
+    /// Elevation of that viewpoint, 5 ..= 85 degrees above the horizon. Default 25.
     pub elevation_deg: f64,
 }
 
@@ -103,12 +104,13 @@ impl FieldView<'_> {
     pub const WIDTH: u32 = 1600;
     /// Height of the picture \[px\].
     pub const HEIGHT: u32 = 960;
-    /// An SVG holds at most this many colored points, the stiffest ones; its second line says so.
+    /// Largest number of colored points in an SVG. Of more, the stiffest are drawn, and the second line of
+    /// the picture says so.
     pub const SVG_POINTS: usize = 12_000;
-    /// An SVG holds at most this many gray or context points, evenly picked.
+    /// Largest number of gray or context points in an SVG. Of more, an even selection is drawn.
     pub const SVG_CONTEXT: usize = 3_000;
 
-    /// The picture as a PNG file, 1600 x 960 pixels. Equal input gives equal bytes.
+    /// Renders the picture as a PNG file, 1600 x 960 pixels. Equal input gives equal bytes.
     ///
     /// # Errors
     /// [`PlotError::Empty`] without points, [`PlotError::Length`], [`PlotError::NotFinite`] or
@@ -122,7 +124,7 @@ impl FieldView<'_> {
         canvas.into_png()
     }
 
-    /// The picture as an SVG file. Equal input gives equal bytes. The points take less than 5 MB;
+    /// Renders the picture as an SVG file. Equal input gives equal bytes. The points take less than 5 MB;
     /// the robot is drawn in full.
     ///
     /// # Errors

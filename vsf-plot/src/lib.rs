@@ -1,17 +1,17 @@
 //! Pictures of stiffness fields and of torque predictions.
 //!
-//! Plain data in, the bytes of a file out; writing the file is the caller's job:
+//! Data goes in, the bytes of a file come out; the caller writes the file:
 //!
 //! | picture | type | formats |
 //! | --- | --- | --- |
 //! | stiffness of a point cloud | [`FieldView`] | PNG, SVG |
-//! | torques, read and predicted | [`TorquePlot`] | SVG |
+//! | measured and predicted torques | [`TorquePlot`] | SVG |
 //! | curves over a common axis | [`CurvePlot`] | PNG, SVG |
 //!
-//! No system font or display is needed, and equal input gives equal bytes on every machine of
-//! the same floating point arithmetic. Files name their program, `vsf` and its version: a PNG as its `Software`, an SVG in a
-//! comment. Input that cannot be drawn truthfully (NaN, no points,
-//! lengths that do not match) is a typed [`PlotError`] that names the place.
+//! No system font or display is needed. Equal input gives equal bytes on every machine with the same
+//! floating-point arithmetic. Files name the program, `vsf`, and its version: a PNG as its `Software`, an
+//! SVG in a comment. Input that cannot be drawn truthfully (NaN, no points, lengths that do not match)
+//! gives a [`PlotError`] that names the place.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

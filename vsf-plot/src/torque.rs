@@ -16,22 +16,22 @@ const PREDICTED: Rgb = [0, 114, 178];
 const NOMINAL: Rgb = [213, 94, 0];
 const CONTACT: Rgb = [230, 159, 0];
 
-/// The readings of one joint and what was predicted for them.
+/// Readings of one joint and their predictions.
 #[derive(Debug, Clone, Copy)]
 pub struct JointTrace<'a> {
     /// Name above the panel.
     pub name: &'a str,
     /// Unit of the values: "N m" (default) for a revolute joint, "N" for a prismatic one.
     pub unit: &'a str,
-    /// Readings, one per time, each within ±1e9: what predictions are compared with.
+    /// Readings, one per time, each within ±1e9, that predictions are compared with.
     pub measured: &'a [f64],
     /// Predicted torques, one per time.
     pub predicted: &'a [f64],
-    /// What a model predicted before it was corrected, one per time, with its error in the panel's
-    /// title; or empty. `predicted` is then called corrected.
+    /// Predictions of a model before it was corrected, one per time, or empty. Their error is shown in the
+    /// panel's title, and `predicted` is then labeled as corrected.
     pub nominal: &'a [f64],
-    /// Standard deviation of the prediction, one per time, >= 0, drawn as a band of ±1 sigma; or
-    /// empty for no band.
+    /// Standard deviations of the prediction, one per time, >= 0, drawn as a band of ±1 sigma; or empty for
+    /// no band.
     pub sigma: &'a [f64],
 }
 
@@ -48,11 +48,11 @@ impl Default for JointTrace<'_> {
     }
 }
 
-/// A picture of readings against predicted joint torques: one panel per joint over a shared time
-/// axis, with the root mean square error over all samples in each panel's title.
+/// A picture of measured and predicted joint torques: one panel per joint over a shared time axis. The
+/// title of each panel has the root mean square error over all samples.
 ///
-/// Long recordings are thinned to the pixels, keeping every extreme; the error is not thinned.
-/// The vertical range holds all curves and the band.
+/// Long recordings are thinned to the pixels, but every extreme is kept. The error is computed from all
+/// samples. The vertical range covers all curves and the band.
 ///
 /// ```
 /// use vsf_plot::{JointTrace, TorquePlot};
@@ -79,23 +79,23 @@ impl Default for JointTrace<'_> {
 /// ```
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TorquePlot<'a> {
-    /// Sample times \[s\], not decreasing, each within ±1e9. At least one.
+    /// Sample times \[s\], nondecreasing, each within ±1e9. At least one.
     pub time: &'a [f64],
     /// The joints, 1 to 32.
     pub joints: &'a [JointTrace<'a>],
-    /// One flag per time, true while the robot touches the object (shaded); or empty.
+    /// One flag per time, true while the robot touches the object (drawn shaded); or empty.
     pub contact: &'a [bool],
     /// First line of the picture. May be empty.
     pub title: &'a str,
 }
 
 impl TorquePlot<'_> {
-    /// The picture as an SVG file. Equal input gives equal bytes.
+    /// Renders the picture as an SVG file. Equal input gives equal bytes.
     ///
     /// # Errors
     /// [`PlotError::Empty`] without samples or joints, [`PlotError::TooMany`] joints,
     /// [`PlotError::Length`], [`PlotError::NotFinite`], [`PlotError::OutOfRange`] or
-    /// [`PlotError::TimeOrder`] for data outside what the fields state, [`PlotError::Encode`].
+    /// [`PlotError::TimeOrder`] for data that violate what the fields state, [`PlotError::Encode`].
     pub fn svg(&self) -> Result<String, PlotError> {
         self.check()?;
         let grid = Grid::new(self.joints.len());

@@ -1,7 +1,7 @@
 use nalgebra::{Point3, Vector3};
 use vsf_core::CoreError;
 
-/// An axis-aligned box in the world (m), such as the one around the object.
+/// An axis-aligned box in the world frame (m), such as the one around the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     min: Point3<f64>,
@@ -9,10 +9,10 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The box between two corners.
+    /// Creates the box between two corners.
     ///
     /// # Errors
-    /// A coordinate that is not finite, an edge that is not positive.
+    /// A coordinate that is not finite, or an edge whose length is not positive.
     pub fn new(min: Point3<f64>, max: Point3<f64>) -> Result<Self, CoreError> {
         CoreError::check_finite("bounds", &[min.x, min.y, min.z, max.x, max.y, max.z])?;
         match (max - min)

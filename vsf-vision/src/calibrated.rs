@@ -1,12 +1,12 @@
 use crate::{Features, Predictions, Regressor, Samples, VisionError};
 use vsf_core::CoreError;
 
-/// A regressor whose variances are widened so that residuals of held-out samples, divided by their
-/// predicted deviation, have a mean square of at most 1.
+/// A regressor whose variances are scaled up so that they hold on held-out samples: residuals divided by
+/// their predicted deviation have a mean square of at most 1.
 ///
-/// Samples are held out in `folds` contiguous parts of their order: order them by what should be
-/// held out together, such as the touch that they come from. Touches close to each other flatter a
-/// regressor that is to extrapolate far.
+/// Samples are held out in `folds` contiguous parts of the order given, so keep samples that belong
+/// together, such as those of one touch, next to each other. If touches are close to each other, the result
+/// is too optimistic for extrapolation over longer distances.
 #[derive(Clone)]
 pub struct Calibrated<R> {
     inner: R,
@@ -14,13 +14,14 @@ pub struct Calibrated<R> {
     scale: f64,
 }
 
-/// Means and variances of held-out samples against the targets: the factor by which the variances
-/// are to be multiplied, so that `(y - mean)² / (factor * variance + v)` is 1 on average, where `v`
-/// is the variance of the target's own error. At least 1: where targets are shrunk toward a prior they
-/// scatter less than their errors say, and residuals can't show that a prediction is better than it says.
+/// The factor by which predicted variances must be multiplied to match the residuals of held-out samples.
+///
+/// With the factor, `(y - mean)² / (factor * variance + v)` is 1 on average, where `v` is the variance of
+/// the target's own error. The factor is at least 1: targets that are shrunk toward a prior scatter less
+/// than their errors say, so residuals cannot show that a prediction is better than it claims.
 ///
 /// # Errors
-/// What [`Predictions::check`] refuses, squares of residuals beyond the range of numbers.
+/// What [`Predictions::check`] refuses, or squares of residuals that are not finite.
 pub fn variance_scale(predicted: &Predictions, held_out: &Samples) -> Result<f64, CoreError> {
     predicted.check(held_out.len())?;
     let pairs = predicted.mean.iter().zip(held_out.targets());
@@ -51,7 +52,7 @@ pub fn variance_scale(predicted: &Predictions, held_out: &Samples) -> Result<f64
 }
 
 impl<R: Regressor> Calibrated<R> {
-    /// Calibrates `inner` on `folds` parts (at least 2; 5 is common) whenever it is fitted.
+    /// Wraps `inner`, to be calibrated on `folds` parts (at least 2; 5 is common) whenever it is fitted.
     ///
     /// # Errors
     /// Fewer than 2 parts.
@@ -71,7 +72,7 @@ impl<R: Regressor> Calibrated<R> {
         })
     }
 
-    /// The factor of the variances; 1 before the first fit.
+    /// The factor that variances are multiplied by; 1 before the first fit.
     pub fn scale(&self) -> f64 {
         self.scale
     }
@@ -87,8 +88,8 @@ impl<R> std::fmt::Debug for Calibrated<R> {
 }
 
 impl<R: Regressor + Clone> Regressor for Calibrated<R> {
-    /// Fits once per part and once on all. With fewer than four samples per part the variances stay
-    /// as they are.
+    /// Fits once per part and once on all samples. With fewer than four samples per part the variances are
+    /// not scaled.
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError> {
         let (n, folds) = (samples.len(), self.folds);
         let mut scale = 1.0;

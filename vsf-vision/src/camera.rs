@@ -2,8 +2,8 @@ use crate::{Bounds, PointCloud};
 use nalgebra::{Isometry3, Point3};
 use vsf_core::CoreError;
 
-/// A pinhole camera in OpenCV axes: x right, y down, z forward; the center of the first pixel is
-/// (0, 0). Images of a lens with distortion are to be undistorted first.
+/// A pinhole camera in OpenCV axes: x right, y down, z forward. The center of the first pixel is (0, 0).
+/// Undistort images of a lens with distortion first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// Focal length in x (pixels), > 0.
@@ -19,13 +19,13 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The world point at a depth along z (m) in the direction of pixel `(u, v)`.
+    /// The world point in the direction of pixel `(u, v)`, at the given depth along z (m).
     pub fn unproject(&self, u: f64, v: f64, depth: f64) -> Point3<f64> {
         let ray = Point3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0);
         self.X_WC * (ray * depth)
     }
 
-    /// Pixel coordinates and depth along z (m) of a world point; `None` behind the camera.
+    /// Pixel coordinates and depth along z (m) of a world point; `None` for a point behind the camera.
     pub fn project(&self, p_W: &Point3<f64>) -> Option<(f64, f64, f64)> {
         let p = self.X_WC.inverse_transform_point(p_W);
         (p.z > 0.0).then(|| {
@@ -61,13 +61,13 @@ pub struct RgbdView {
     depth: Vec<f32>,
 }
 
-/// What a view says about a world point.
+/// What a view shows at a world point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sight {
-    /// The ray through the point met a surface; the point lies `behind` (m, along the camera's z)
-    /// it, or in front of it where that is negative.
+    /// The ray through the point met a surface, in front of the point or behind it.
     Surface {
-        /// Depth of the point less that of the surface (m).
+        /// Depth of the point minus that of the surface (m, along the camera's z); negative if the point
+        /// lies in front.
         behind: f64,
         /// Color of the surface.
         color: [u8; 3],
@@ -79,12 +79,13 @@ pub enum Sight {
 }
 
 impl RgbdView {
-    /// A view of `width` x `height` pixels, row by row from the top left: colors as 3 bytes a
-    /// pixel (red, green, blue), depths along z in units of `depth_scale` (m), 0 where there was no
-    /// return.
+    /// Creates a view of `width` x `height` pixels, row by row from the top left.
+    ///
+    /// Colors are 3 bytes per pixel (red, green, blue). Depths are along z in units of `depth_scale` (m), 0
+    /// where there was no return.
     ///
     /// # Errors
-    /// Images of another size, a camera that is none, a depth scale that is not positive.
+    /// Images of another size, an invalid camera, or a depth scale that is not positive.
     pub fn new(
         camera: Camera,
         (width, height): (usize, usize),
@@ -124,7 +125,7 @@ impl RgbdView {
         [self.width, self.height]
     }
 
-    /// The colored world points of all pixels with a return inside the bounds, by rows.
+    /// The colored world points of all pixels with a return inside the bounds, row by row.
     pub fn cloud(&self, bounds: &Bounds) -> PointCloud {
         let mut cloud = PointCloud::default();
         for (i, (&depth, &color)) in self.depth.iter().zip(&self.color).enumerate() {
@@ -138,7 +139,7 @@ impl RgbdView {
         cloud
     }
 
-    /// What the pixel says that a world point projects to.
+    /// What the view shows at the pixel that a world point projects to.
     pub fn sight(&self, p_W: &Point3<f64>) -> Sight {
         let Some((u, v, z)) = self.camera.project(p_W) else {
             return Sight::Outside;

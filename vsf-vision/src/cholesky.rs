@@ -1,5 +1,5 @@
-//! The dense factor of the Gaussian process; faer is named nowhere else in this crate. One thread, so that the same
-//! bits come out wherever it runs.
+//! The dense factor of the Gaussian process, the only place in this crate that uses faer. It runs on one
+//! thread, so that the same bits come out wherever it runs.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};

@@ -5,12 +5,12 @@ use vsf_core::CoreError;
 /// As far as whole numbers are exact.
 const MOST_CUBES: f64 = 9e15;
 
-/// A colored point cloud in the world (m).
+/// A colored point cloud in the world frame (m).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PointCloud {
     /// Positions.
     pub positions: Vec<Point3<f64>>,
-    /// Red, green, blue, one per position.
+    /// Colors (red, green, blue), one per position.
     pub colors: Vec<[u8; 3]>,
 }
 
@@ -20,17 +20,17 @@ impl PointCloud {
         self.positions.len()
     }
 
-    /// True without points.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// One point per cube of edge `size` (m, > 0) that holds any: the mean of their positions and
-    /// colors. Ordered by cube, whatever the order of the points.
+    /// Thins the cloud to one point per occupied cube of edge `size` (m, > 0): the mean of the positions
+    /// and colors in it. The result is ordered by cube, whatever the order of the points.
     ///
     /// # Errors
-    /// A size that is not positive and finite, so small a size that cubes cannot be counted, a
-    /// coordinate that is not finite, another number of colors than points.
+    /// A size that is not positive and finite or so small that cubes cannot be counted, a coordinate that
+    /// is not finite, or a number of colors other than that of points.
     pub fn downsampled(&self, size: f64) -> Result<Self, CoreError> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(CoreError::Parameter {
@@ -72,10 +72,10 @@ impl PointCloud {
         Ok(Self { positions, colors })
     }
 
-    /// The points of which `keep` is true.
+    /// The points whose flag in `keep` is true.
     ///
     /// # Errors
-    /// Another number of flags or colors than points.
+    /// A number of flags or colors other than that of points.
     pub fn filtered(&self, keep: &[bool]) -> Result<Self, CoreError> {
         self.check()?;
         CoreError::check_len("flags", keep.len(), self.len())?;

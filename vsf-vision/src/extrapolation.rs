@@ -2,18 +2,18 @@ use crate::{Features, Regressor, Samples, Seen, VisionError};
 use nalgebra::Point3;
 use vsf_core::{Belief, CoreError};
 
-/// Extrapolates a field from its touched points to all others (section III-D): for visible points
-/// by position and color, for hidden ones by position alone, each with its own regressor.
+/// Extrapolates a field from its touched points to all others (section III-D). Visible points are predicted
+/// from position and color, hidden points from position alone, each kind by its own regressor.
 ///
-/// A hidden point may be empty space. The stiffness of a point is taken as `K_i = o_i k_i`: `k_i`
-/// is what the regressors learn, the stiffness of what is there, and `o_i` says whether anything
-/// is, with the probability of [`Seen::occupancy`]. That probability comes on top of the paper;
-/// `fade = f64::INFINITY` leaves it out.
+/// A hidden point may be empty space. The stiffness of a point is therefore modeled as `K_i = o_i k_i`. The
+/// regressors learn `k_i`, the stiffness of the material. `o_i` says whether there is any, with the
+/// probability of [`Seen::occupancy`]. This probability is an addition to the paper; `fade = f64::INFINITY`
+/// disables it.
 ///
-/// The answer is a [`Belief`] about all points: it enters any estimator as its prior, so that later
-/// touches correct it, and can be made again after every sequence. [`Extrapolation::predict`] speaks
-/// of touched points too, as if they had not been: that is the prior to see the same touches again
-/// with, since their estimates would count them twice.
+/// The result is a [`Belief`] about all points. It can serve as the prior of any estimator, so that later
+/// touches correct it, and it can be computed anew after every sequence. [`Extrapolation::predict`]
+/// predicts touched points too, as if they had not been touched. Use that as the prior if the same touches
+/// are taken in again; their estimates would count them twice.
 ///
 /// ```
 /// use vsf_core::{Belief, nalgebra::Point3};
@@ -59,12 +59,12 @@ struct Learned {
 }
 
 impl Extrapolation {
-    /// Default length over which space behind the seen surface becomes empty (m).
+    /// Default length scale over which occupancy fades behind the seen surface (m).
     pub const FADE: f64 = 0.03;
-    /// Occupancy below which a touched point says nothing about what is there.
+    /// Touched points with an occupancy below this are not learned from.
     pub const LEAST_OCCUPANCY: f64 = 0.05;
 
-    /// Regressors for visible and for hidden points.
+    /// Creates an extrapolation with regressors for visible and for hidden points.
     pub fn new(visible: impl Regressor + 'static, hidden: impl Regressor + 'static) -> Self {
         Self {
             visible: Box::new(visible),
@@ -74,21 +74,22 @@ impl Extrapolation {
         }
     }
 
-    /// Another length over which space behind the seen surface becomes empty (m, > 0).
+    /// Sets the length scale over which occupancy fades behind the seen surface (m, > 0).
     #[must_use]
     pub fn with_fade(mut self, fade: f64) -> Self {
         self.fade = fade;
         self
     }
 
-    /// Learns from the touched points of a field. `prior_variance` (N²/m²) is that of a point before
-    /// it was touched; how far a touch has lowered it says how much the point has to tell. With
-    /// fewer than 2 touched points in sight, visible points are taken by position, as hidden ones.
+    /// Learns from the touched points of a field.
+    ///
+    /// `prior_variance` (N²/m²) is the variance of a point before it was touched. The more a touch has
+    /// reduced it, the more information the point carries. With fewer than 2 touched points in sight,
+    /// visible points are predicted from position alone, like hidden ones.
     ///
     /// # Errors
-    /// Lengths that differ, a view as [`Seen::check`] refuses it, a length or variance that is not
-    /// positive, fewer than 2 touched points on or shortly behind the seen surface, what the regressors
-    /// refuse.
+    /// Lengths that differ, a view that [`Seen::check`] refuses, a length or variance that is not positive,
+    /// fewer than 2 touched points on or shortly behind the seen surface, or what the regressors refuse.
     pub fn fit(
         &mut self,
         points: &[Point3<f64>],
@@ -117,13 +118,13 @@ impl Extrapolation {
         Ok(())
     }
 
-    /// The belief about points, touched or not, by what they look like and where they are. Points out of
-    /// the picture have mean 0 and the variance of the prior: nothing is known of them.
+    /// Predicts the belief about points, touched or not, from appearance and position. Points outside the
+    /// picture have mean 0 and the variance of the prior, since nothing is known of them.
     ///
     /// # Errors
-    /// [`VisionError::NotFitted`], lengths that differ, a view as [`Seen::check`] refuses it,
-    /// predictions as [`Predictions::check`](crate::Predictions::check) refuses them, a belief beyond
-    /// the range of numbers.
+    /// [`VisionError::NotFitted`], lengths that differ, a view that [`Seen::check`] refuses, predictions
+    /// that [`Predictions::check`](crate::Predictions::check) refuses, or a belief that is not
+    /// representable.
     pub fn predict(&self, points: &[Point3<f64>], seen: &Seen) -> Result<Belief<f64>, VisionError> {
         let by = "Extrapolation";
         let learned = self.learned.as_ref().ok_or(VisionError::NotFitted { by })?;
@@ -155,8 +156,8 @@ impl Extrapolation {
         Ok(Belief::new(mean, variance)?)
     }
 
-    /// [`fit`](Self::fit), then the belief about all points: touched ones as in `field`, the others
-    /// as predicted.
+    /// Calls [`fit`](Self::fit) and returns the belief about all points: touched points as in `field`, the
+    /// others as predicted.
     ///
     /// # Errors
     /// As [`fit`](Self::fit) and [`predict`](Self::predict).
@@ -250,11 +251,12 @@ impl<'a> Known<'a> {
         1.0 - self.field.variance()[i] / self.prior_variance
     }
 
-    /// Stiffness `k_i` of what is there at the points `of`, with features of these. A mean with variance `V`
-    /// under a prior with variance `p` counts as `1 - V/p` readings: points that are touched together share
-    /// what a reading tells, and `n` of them count as one. For the same reason the mean is taken as it is:
-    /// `m / (1 - V/p)`, what the readings say without the prior if a point is taken by itself, makes each of
-    /// them answer for all.
+    /// Samples of the stiffness `k_i` of the material at the points `of`, with the given features.
+    ///
+    /// A mean with variance `V` under a prior with variance `p` counts as `1 - V/p` readings: points that
+    /// are touched together share the information of a reading, and `n` of them count as one. For the same
+    /// reason the mean is used as it is. Removing the prior from it for each point by itself, by
+    /// `m / (1 - V/p)`, would attribute the whole reading to each of them.
     pub fn samples(&self, of: &[usize], features: Features) -> Result<Samples, VisionError> {
         let one = |&i: &usize| {
             let (o, told) = (self.occupancy[i], self.told(i));

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use vsf_core::CoreError;
 
-/// Named features of points: one row per point, all numbers finite, every name once.
+/// Named features of points: one row per point. All numbers are finite, and names are unique.
 ///
-/// Columns are added one after the other; any array of one number per point is a feature.
+/// Columns are added one after the other; any array with one number per point can be a feature.
 ///
 /// ```
 /// use vsf_core::nalgebra::Point3;
@@ -60,7 +60,7 @@ fn check_unique(names: &[String]) -> Result<(), VisionError> {
 }
 
 impl Features {
-    /// A table of `len` rows without columns.
+    /// Creates a table of `len` rows without columns.
     pub fn new(len: usize) -> Self {
         Self {
             names: Vec::new(),
@@ -72,7 +72,7 @@ impl Features {
     /// Adds a column of one number per point.
     ///
     /// # Errors
-    /// Another number of values than rows, a value that is not finite, a name that is taken.
+    /// A number of values other than that of rows, a value that is not finite, or a name that is taken.
     pub fn with_column(self, name: &str, values: &[f64]) -> Result<Self, VisionError> {
         let rows = values.iter().map(|v| [*v]);
         self.with([name], rows)
@@ -142,7 +142,7 @@ impl Features {
     /// The rows `indices`, in that order.
     ///
     /// # Errors
-    /// A row that is not there.
+    /// A row that does not exist.
     pub fn rows_of(&self, indices: &[usize]) -> Result<Self, VisionError> {
         let mut data = Vec::with_capacity(indices.len() * self.width());
         for &index in indices {
@@ -159,10 +159,10 @@ impl Features {
         })
     }
 
-    /// Puts the rows of another table with the same columns below these.
+    /// Appends the rows of another table with the same columns.
     ///
     /// # Errors
-    /// Other columns, more rows than can be counted.
+    /// Other columns, or more rows than can be counted.
     pub fn extend(&mut self, other: &Self) -> Result<(), VisionError> {
         other.check_names(&self.names)?;
         let len = self.len.checked_add(other.len).ok_or(CoreError::TooMany {
@@ -180,7 +180,7 @@ impl Features {
         self.len
     }
 
-    /// True without rows.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -208,10 +208,10 @@ impl Features {
         &self.data
     }
 
-    /// Checks that the columns are those that a model knows.
+    /// Checks that the columns are those that a model was fitted on.
     ///
     /// # Errors
-    /// [`VisionError::Features`] names both.
+    /// [`VisionError::Features`], which names both.
     pub fn check_names(&self, expected: &[String]) -> Result<(), VisionError> {
         if self.names == expected {
             return Ok(());
@@ -223,8 +223,8 @@ impl Features {
     }
 }
 
-/// Standard scaling: every column with mean 0 and standard deviation 1 over the rows it was
-/// learned from. Columns that are constant there become 0.
+/// Standard scaling: every column gets mean 0 and standard deviation 1 over the rows that the scaler was
+/// fitted on. Columns that are constant there become 0.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scaler {
     names: Vec<String>,
@@ -234,7 +234,7 @@ pub struct Scaler {
 }
 
 impl Scaler {
-    /// Learns mean and deviation of every column.
+    /// Learns mean and standard deviation of every column.
     ///
     /// # Errors
     /// No rows, or numbers so large that their spread overflows.
@@ -273,7 +273,8 @@ impl Scaler {
     /// Scaled rows, one after the other.
     ///
     /// # Errors
-    /// Other columns than it was learned from, numbers so far from these that squares would overflow.
+    /// Columns other than those the scaler was fitted on, or numbers so far from these that squares would
+    /// overflow.
     pub fn apply(&self, features: &Features) -> Result<Vec<f64>, VisionError> {
         features.check_names(&self.names)?;
         let columns = self.mean.iter().zip(&self.factor).cycle();

@@ -4,20 +4,25 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use vsf_core::CoreError;
 
-/// Gaussian process with a Matérn 3/2 kernel over the scaled features.
+/// Gaussian process regression with a Matérn 3/2 kernel over the scaled features.
 ///
-/// A target is the mean of all targets, plus a smooth part `s² (1 + a) exp(-a)`, `a = sqrt(3) r / l`,
-/// plus a scatter of variance `eta²` of its own, plus an error of the variance that comes with it.
-/// `s²`, `l` and `eta²` maximize the marginal likelihood (pattern search in their logarithms, on at
-/// most 300 samples evenly spread over the order given).
+/// A target is modeled as the sum of
+/// - the mean of all targets,
+/// - a smooth part with the covariance `s² (1 + a) exp(-a)`, `a = sqrt(3) r / l`,
+/// - independent scatter of variance `eta²`,
+/// - an error with the variance that comes with the target.
 ///
-/// The mean of all targets is itself uncertain, by what their variances and the kernel leave open: a
-/// prediction is so too, by the part that no sample near it makes up for. So it is by what the likelihood
-/// finds too little in `s²` and `eta²` to make up the variance of all targets, as it does with vague ones:
-/// far from the samples there is no less than that.
+/// `s²`, `l` and `eta²` maximize the marginal likelihood (pattern search in their logarithms, on at most
+/// 300 samples, evenly spread over the order given).
 ///
-/// Takes `O(m³)` time once and `O(m²)` per prediction for `m` samples; above
-/// [`GpConfig::max_samples`] an even choice of them is used.
+/// The mean of all targets is itself uncertain, because of the variances of the targets and the kernel.
+/// This uncertainty enters predictions as far as no samples nearby determine the value. With vague targets,
+/// the likelihood may choose `s²` and `eta²` whose sum is less than the variance of all targets. The
+/// missing variance is added to the uncertainty of the mean, so that far from the samples predictions have
+/// at least the variance of all targets.
+///
+/// Fitting takes `O(m³)` time and a prediction `O(m²)`, for `m` samples. Of more than
+/// [`GpConfig::max_samples`], an evenly spread subset is used.
 ///
 /// # Reference
 /// C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes for Machine Learning*, MIT Press 2006,
@@ -31,12 +36,12 @@ pub struct GaussianProcess {
 /// Parameters of [`GaussianProcess`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct GpConfig {
-    /// Most samples that are used, 2 to [`GpConfig::MOST_SAMPLES`], default 1000.
+    /// Largest number of samples that are used, 2 to [`GpConfig::MOST_SAMPLES`], default 1000.
     pub max_samples: usize,
 }
 
 impl GpConfig {
-    /// Their covariance takes 3.2 GB.
+    /// Upper bound of [`GpConfig::max_samples`]: the covariance of so many takes 3.2 GB.
     pub const MOST_SAMPLES: usize = 20_000;
 }
 
@@ -172,10 +177,10 @@ struct Fitted {
 }
 
 impl GaussianProcess {
-    /// A regressor that has not learned yet.
+    /// Creates an unfitted regressor.
     ///
     /// # Errors
-    /// Fewer than 2 samples, or more than [`GpConfig::MOST_SAMPLES`].
+    /// A maximum of fewer than 2 samples, or of more than [`GpConfig::MOST_SAMPLES`].
     pub fn new(config: GpConfig) -> Result<Self, VisionError> {
         if !(2..=GpConfig::MOST_SAMPLES).contains(&config.max_samples) {
             return Err(CoreError::Parameter {

@@ -4,19 +4,19 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use vsf_core::{CoreError, median};
 
-/// Regression on the nearest neighbors with RBF weights, the extrapolation of the paper (section
-/// III-D).
+/// Nearest-neighbor regression with RBF weights: the extrapolation of the paper (section III-D).
 ///
-/// Features are scaled to unit deviation. Around a point, the targets `y_j` of its `k` nearest
-/// samples at distances `r_j` are noisy looks at one value `f`, the worse the farther away:
-/// `y_j ~ N(f, (eta² + v_j) exp(r_j² / 2h²))`, with `v_j` the variance of the target and `eta²` the
-/// scatter among neighbors, measured at the samples themselves. With the prior that `f` scatters
-/// about the mean of all targets as they do, `f` is the RBF-weighted mean near the samples; far
-/// from all of them the mean of all targets and their variance are left, with the variance of that
-/// mean.
+/// Features are scaled to unit deviation. The targets `y_j` of the `k` samples nearest to a point, at
+/// distances `r_j`, are modeled as noisy readings of one value `f`, with noise that grows with distance:
+/// `y_j ~ N(f, (eta² + v_j) exp(r_j² / 2h²))`. `v_j` is the variance of the target and `eta²` the scatter
+/// among neighbors, measured at the samples themselves.
 ///
-/// Exact neighbors; a query costs some microseconds for thousands of samples. Queries are spread
-/// over the threads of the current rayon pool.
+/// The prior of `f` has the mean of all targets and their variance. Near the samples `f` is therefore the
+/// RBF-weighted mean. Far from all of them it falls back to the mean of all targets, with their variance
+/// plus that of this mean.
+///
+/// Neighbors are exact; a query takes some microseconds for thousands of samples. Queries are spread over
+/// the threads of the current rayon pool.
 ///
 /// # Reference
 /// S. Yao, K. Hauser, section III-D (k = 200, RBF weights); E. A. Nadaraya, *On estimating
@@ -30,24 +30,25 @@ pub struct KnnRegressor {
 /// Parameters of [`KnnRegressor`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct KnnConfig {
-    /// Neighbors, at least 1, default 200; all samples where there are fewer.
+    /// Number of neighbors, at least 1, default 200. If there are fewer samples, all are used.
     pub neighbors: usize,
     /// Width `h` of the RBF, in standard deviations of the features.
     pub width: Width,
-    /// Whether means are drawn to the mean of all targets where the samples are far, default true;
-    /// false leaves the RBF-weighted mean of the neighbors, however far they are. Variances are the
-    /// same.
+    /// Whether means are shrunk toward the mean of all targets where the samples are far, default true.
+    ///
+    /// With false a mean is the RBF-weighted mean of the neighbors, however far they are. Variances are the
+    /// same either way.
     pub shrink: bool,
 }
 
-/// How the width of a kernel is found.
+/// How the width of a kernel is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Width {
     /// The median distance of the samples to their neighbors; the default.
     #[default]
     Median,
-    /// This one, > 0, in standard deviations of the features.
+    /// A fixed width, > 0, in standard deviations of the features.
     Fixed(f64),
 }
 
@@ -81,10 +82,10 @@ struct Fitted {
 }
 
 impl KnnRegressor {
-    /// A regressor that has not learned yet.
+    /// Creates an unfitted regressor.
     ///
     /// # Errors
-    /// No neighbors, a width that is not positive and finite.
+    /// A number of neighbors of 0, or a width that is not positive and finite.
     pub fn new(config: KnnConfig) -> Result<Self, VisionError> {
         if config.neighbors == 0 {
             return Err(CoreError::Parameter {

@@ -1,5 +1,7 @@
-/// CIELAB coordinates `L*`, `a*`, `b*` of an sRGB color under D65, in which distances are closer to
-/// what eyes tell apart, and lightness (shade) is a coordinate of its own.
+/// Converts an sRGB color to CIELAB coordinates `L*`, `a*`, `b*` under D65.
+///
+/// Distances there are closer to what eyes can tell apart, and lightness (shade) is a coordinate of its
+/// own.
 ///
 /// # Reference
 /// IEC 61966-2-1:1999 (sRGB); CIE 15:2004, section 8.2.1.

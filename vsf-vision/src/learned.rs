@@ -6,7 +6,7 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use vsf_core::{Belief, CoreError};
 
-/// A regressor by name, with its parameters.
+/// Choice of a regressor, with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -26,7 +26,7 @@ impl Default for RegressorSpec {
 }
 
 impl RegressorSpec {
-    /// Makes the regressor.
+    /// Creates the regressor.
     ///
     /// # Errors
     /// A parameter out of range.
@@ -39,12 +39,12 @@ impl RegressorSpec {
     }
 }
 
-/// What fields of some objects teach about the next one: stiffness by features that mean the same on
-/// every object, such as color, height, or depth behind the surface.
+/// A prior for new objects, learned from the fields of others. It predicts stiffness from features that
+/// mean the same on every object, such as color, height, or depth behind the surface.
 ///
-/// As many equal parts as there are objects, 20 at most, are held out in turn, so that variances are calibrated from object to object,
-/// the more so the more alike the objects are in size. Its JSON holds samples and regressor; it is fitted again when it is
-/// read, to the same predictions.
+/// Variances are calibrated from object to object. To this end as many equal parts as there are objects, at
+/// most 20, are held out in turn; the calibration is best when the objects are similar in size. Its JSON
+/// holds samples and regressor. Reading it fits the regressor again, with the same predictions.
 ///
 /// ```
 /// use vsf_vision::{Features, LearnedPrior, RegressorSpec, Samples};
@@ -82,11 +82,12 @@ struct Saved {
 const MOST_FOLDS: usize = 20;
 
 impl LearnedPrior {
-    /// Learns from the samples of each object; with one object its quarters are held out. Objects of
-    /// very different size should be thinned to like numbers, since equal parts are held out.
+    /// Learns from the samples of each object. With a single object, its quarters are held out in turn.
+    ///
+    /// Thin objects of very different size to similar numbers of samples, since equal parts are held out.
     ///
     /// # Errors
-    /// No object, objects with other features, what the regressor refuses.
+    /// No object, objects with different features, or what the regressor refuses.
     pub fn fit(regressor: RegressorSpec, objects: &[Samples]) -> Result<Self, VisionError> {
         let (first, others) = objects.split_first().ok_or(CoreError::TooFew {
             what: "objects",
@@ -121,13 +122,15 @@ impl LearnedPrior {
         Ok(Self { saved, fitted })
     }
 
-    /// Samples of one object for [`fit`](Self::fit): the touched points of its field, by their
-    /// [`appearance`](Seen::appearance). `prior_variance` (N²/m²) is that of a point before it was touched,
-    /// all parts of the prior together. Stiffness is that of what is there, `k_i` in `K_i = o_i k_i` with the
+    /// Samples of one object for [`fit`](Self::fit): the touched points of its field, described by their
+    /// [`appearance`](Seen::appearance).
+    ///
+    /// `prior_variance` (N²/m²) is the variance of a point before it was touched, all parts of the prior
+    /// together. The targets are the stiffness of the material, `k_i` in `K_i = o_i k_i` with the
     /// [occupancy](Seen::occupancy) `o_i`.
     ///
     /// # Errors
-    /// Lengths that differ, a variance that is not positive, fewer than 2 touched points in sight or
+    /// Lengths that differ, a variance that is not positive, or fewer than 2 touched points in sight or
     /// behind what is in sight.
     pub fn samples(
         seen: &Seen,
@@ -140,11 +143,11 @@ impl LearnedPrior {
         known.samples(&known.points, seen.appearance(&known.points)?)
     }
 
-    /// Stiffness `K_i` (N/m, >= 0) of the points of another object as it looks: 0 where there is nothing, and
-    /// out of the picture.
+    /// Predicts the stiffness `K_i` (N/m, >= 0) of the points of another object from its view. It is 0
+    /// where there is nothing and outside the picture.
     ///
     /// # Errors
-    /// A prior that was learned from other features than [`samples`](Self::samples) has.
+    /// A prior that was learned from features other than those of [`samples`](Self::samples).
     pub fn stiffness(&self, seen: &Seen) -> Result<Vec<f64>, VisionError> {
         let occupancy = seen.occupancy(Extrapolation::FADE)?;
         let of: Vec<usize> = (0..seen.len()).filter(|&i| occupancy[i] > 0.0).collect();
@@ -168,16 +171,16 @@ impl LearnedPrior {
         &self.saved.names
     }
 
-    /// Number of objects it learned from, and of their points.
+    /// Number of objects that it was learned from, and number of their points.
     pub fn learned_from(&self) -> (usize, usize) {
         (self.saved.objects, self.saved.targets.len())
     }
 
-    /// Mean and variance of the stiffness of points of another object. Clamp means at 0 for a
-    /// [`vsf_core::Belief`].
+    /// Predicts mean and variance of the stiffness of points of another object. Clamp means at 0 before you
+    /// use them in a [`vsf_core::Belief`].
     ///
     /// # Errors
-    /// Other features than it learned from.
+    /// Features other than those it was learned from.
     pub fn predict(&self, features: &Features) -> Result<Predictions, VisionError> {
         self.fitted.predict(features)
     }
@@ -188,10 +191,10 @@ impl LearnedPrior {
         serde_json::to_string(&self.saved).unwrap_or_default()
     }
 
-    /// What [`to_json`](Self::to_json) has written, fitted again.
+    /// Reads what [`to_json`](Self::to_json) has written, and fits it again.
     ///
     /// # Errors
-    /// [`VisionError::Json`]; numbers that do not fit.
+    /// [`VisionError::Json`], or numbers that are invalid.
     pub fn from_json(text: &str) -> Result<Self, VisionError> {
         let saved = serde_json::from_str(text).map_err(|error| VisionError::Json {
             problem: error.to_string(),

@@ -1,15 +1,15 @@
 use vsf_core::{CoreError, Noise, Observation};
 
-/// The one stiffness (N/m, >= 0) that explains readings best when all points have it in the proportions of a
-/// `shape`: `K_i = level * shape_i`, by least squares, each channel counted by its own noise: that of the observation, or
-/// `noise` where one is given for all.
+/// Fits one stiffness level (N/m, >= 0) to readings, by least squares: `K_i = level * shape_i`.
 ///
-/// Readings are sums over many points, so that their common level is what touches tell most
-/// surely, and is right where the stiffnesses of single points are not.
+/// Each channel is weighted by its noise: that of the observation, or `noise` if given.
+///
+/// Readings are sums over many points. Touches therefore determine the common level best, and it is right
+/// even where the stiffness of single points is not.
 ///
 /// # Errors
-/// An observation that reaches beyond the shape, or of another number of channels than `noise`, readings that no point of the
-/// shape bears on.
+/// An observation that reaches beyond the shape or has another number of channels than `noise`, or readings
+/// to which no point of the shape contributes.
 pub fn fit_level<'a>(
     shape: &[f64],
     observations: impl IntoIterator<Item = &'a Observation<f64>>,

@@ -1,20 +1,21 @@
-//! What a camera sees of a soft object, and how stiff the points are that were never touched.
+//! Extrapolates stiffness to points that were never touched, from what a camera sees of a soft object.
 //!
-//! A field is known where the arm has been. This crate carries it on to the rest of the object
-//! (Yao & Hauser, section III-D), so that touches of new places can be predicted:
+//! A field is known only where the arm has touched. This crate extends it to the rest of the object (Yao &
+//! Hauser, section III-D), so that touches at new places can be predicted:
 //!
 //! | part | what it does |
 //! | --- | --- |
-//! | [`RgbdView`], [`PointCloud`] | a color and depth image to colored world points, thinned, cleaned, with normals |
-//! | [`OcclusionGrid`] | what is surface, hidden or free in the object's box: the rest points |
-//! | [`Seen`], [`Features`] | what the view says about each point, as numbers to learn from |
-//! | [`Regressor`] | stiffness from features, with a variance: [`KnnRegressor`], [`Ridge`], [`GaussianProcess`] |
-//! | [`Calibrated`] | variances that hold on samples that were held out |
-//! | [`Extrapolation`] | a belief about all points from one about the touched ones |
-//! | [`fit_level`] | the stiffness of a whole object by its readings alone |
-//! | [`LearnedPrior`] | what other objects teach about a new one, on disk |
+//! | [`RgbdView`], [`PointCloud`] | turn a color and depth image into colored points; thin, clean, compute normals |
+//! | [`OcclusionGrid`] | divides the object's box into surface, hidden and free cells: the rest points |
+//! | [`Seen`], [`Features`] | describe each point by what the view shows of it, as numbers to learn from |
+//! | [`Regressor`] | predicts stiffness from features, with a variance: [`KnnRegressor`], [`Ridge`], [`GaussianProcess`] |
+//! | [`Calibrated`] | scales variances so that they hold on held-out samples |
+//! | [`Extrapolation`] | extends a belief about the touched points to all points |
+//! | [`fit_level`] | fits the stiffness of a whole object from its readings alone |
+//! | [`LearnedPrior`] | predicts a new object from fields of others; stored on disk |
 //!
-//! The result is a [`vsf_core::Belief`], thus a prior for any estimator: later touches correct it.
+//! The result is a [`vsf_core::Belief`]. It can be the prior of any estimator, so that later touches
+//! correct it.
 //!
 //! ```
 //! use vsf_core::nalgebra::{Isometry3, Point3};
@@ -34,8 +35,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Rejected: a regressor of torques. Torques are sums over hundreds of points that depend on the
-//! arm's way; stiffness belongs to the place and can be carried to another one.
+//! Rejected: a regressor of torques. Torques are sums over hundreds of points that depend on the path of
+//! the arm. Stiffness belongs to a place and can be transferred to another one.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

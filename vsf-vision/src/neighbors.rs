@@ -6,8 +6,8 @@ use vsf_core::CoreError;
 
 /// Exact nearest neighbors among rows of numbers, by squared Euclidean distance.
 ///
-/// A k-d tree up to 12 dimensions. Beyond, where trees help little, every row is looked at: a query
-/// costs `O(rows x dimensions)`.
+/// Uses a k-d tree for up to 12 dimensions. Beyond that, where trees help little, a query compares with
+/// every row: `O(rows x dimensions)`.
 #[derive(Clone)]
 pub struct Neighbors {
     search: Arc<dyn Search>,
@@ -31,13 +31,13 @@ pub(crate) fn check_reach(name: &'static str, values: &[f64]) -> Result<(), Core
     }
 }
 
-/// A neighbor.
+/// A neighbor found by [`Neighbors::nearest`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Neighbor {
-    /// Its row.
+    /// Index of its row.
     pub index: usize,
-    /// Square of its distance.
+    /// Squared distance to it.
     pub squared: f64,
 }
 
@@ -85,10 +85,11 @@ fn build<const D: usize>(rows: &[f64]) -> Result<Arc<dyn Search>, CoreError> {
 }
 
 impl Neighbors {
-    /// Searches rows of `dimensions` numbers each, at least 1, from -1e100 to 1e100.
+    /// Builds the search structure over rows of `dimensions` numbers each (at least 1), within -1e100 to
+    /// 1e100.
     ///
     /// # Errors
-    /// No rows, rows that are not full, a number out of range.
+    /// No rows, an incomplete row, or a number out of range.
     pub fn new(rows: &[f64], dimensions: usize) -> Result<Self, VisionError> {
         check_reach("rows to search", rows)?;
         let len = rows.len() / dimensions.max(1);
@@ -136,17 +137,18 @@ impl Neighbors {
         self.len
     }
 
-    /// Never true: a tree has rows.
+    /// Always false: a tree has rows.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Puts the `k` rows nearest to `query` into `out`, nearest first; all rows where there are
-    /// fewer. Of rows equally far, any may be left out. Nothing is near a query with a number that is
-    /// NaN or beyond the range of the rows.
+    /// Writes the `k` rows nearest to `query` into `out`, nearest first, or all rows if there are fewer.
+    ///
+    /// Of rows at equal distance, any may be left out. `out` is empty for a query with a number that is NaN
+    /// or beyond the range of the rows.
     ///
     /// # Panics
-    /// If `query` has another dimension than the rows.
+    /// If `query` has a number of dimensions other than that of the rows.
     pub fn nearest(&self, query: &[f64], k: usize, out: &mut Vec<Neighbor>) {
         assert_eq!(query.len(), self.dimensions, "dimensions of a query");
         out.clear();

@@ -5,14 +5,14 @@ use rayon::prelude::*;
 use vsf_core::CoreError;
 
 impl PointCloud {
-    /// Unit normals of the surface that the points lie on: the direction in which the `k` nearest
-    /// points (the point among them, at least 3, commonly 20; all where there are fewer) spread
-    /// least, turned toward the camera at `eye`.
+    /// Unit normals of the surface that the points lie on, turned toward the camera at `eye`.
     ///
-    /// Points whose neighbors all coincide get the direction to the camera.
+    /// A normal is the direction in which the `k` nearest points spread least. `k` is at least 3, commonly
+    /// 20, and includes the point itself; if there are fewer points, all are used. Points whose neighbors
+    /// all coincide get the direction to the camera.
     ///
     /// # Errors
-    /// Fewer than 3 points or neighbors, a coordinate that is not within -1e100 to 1e100 m.
+    /// Fewer than 3 points or neighbors, or a coordinate that is not within -1e100 to 1e100 m.
     ///
     /// # Reference
     /// H. Hoppe et al., *Surface reconstruction from unorganized points*, SIGGRAPH 1992,
@@ -41,13 +41,15 @@ impl PointCloud {
         Ok(self.positions.par_iter().map(of_point).collect())
     }
 
-    /// Which points are no outliers: the mean distance of a point to its `k` nearest others (at
-    /// least 1, commonly 20; all where there are fewer) exceeds the mean of that over all points by
-    /// no more than `ratio` (commonly 2) standard deviations.
+    /// Flags the points that are not outliers.
+    ///
+    /// A point is kept if its mean distance to its `k` nearest others exceeds the mean of that distance
+    /// over all points by no more than `ratio` standard deviations (commonly 2). `k` is at least 1,
+    /// commonly 20; if there are fewer points, all are used.
     ///
     /// # Errors
-    /// Fewer than 2 points, no neighbors, a ratio that is not positive and finite, a coordinate
-    /// that is not within -1e100 to 1e100 m.
+    /// Fewer than 2 points, a `k` of 0, a ratio that is not positive and finite, or a coordinate that is
+    /// not within -1e100 to 1e100 m.
     ///
     /// # Reference
     /// R. B. Rusu et al., *Towards 3D point cloud based object maps for household environments*,

@@ -3,25 +3,24 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use vsf_core::CoreError;
 
-/// What one view says about a cell of the box.
+/// What one view shows of a cell of the box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Visibility {
     /// The camera sees through it: nothing is there.
     Free,
     /// The seen surface passes through it.
     Surface,
-    /// It lies behind the seen surface, or outside of the picture: the object may be there.
+    /// It lies behind the seen surface or outside the picture: the object may be there.
     Occluded,
 }
 
-/// A uniform grid over the object's box, with what one view says about each cell.
+/// A uniform grid over the object's box that stores what one view shows of each cell.
 ///
-/// A cell is decided by the pixel that its center projects to: in front of the surface there, on
-/// it (within half the cell's diagonal), or behind it. Rejected: walking along the ray of every
-/// pixel. It decides the same cells where pixels are finer than cells, and leaves holes between
-/// the rays where they are coarser.
+/// A cell is classified by the pixel that its center projects to: in front of the surface there, on it
+/// (within half the cell's diagonal), or behind it. Cells on a ray that met nothing are free.
 ///
-/// A ray that met nothing says that its cells are free.
+/// Rejected: walking along the ray of every pixel. Where pixels are finer than cells, the result is the
+/// same; where they are coarser, holes remain between the rays.
 #[derive(Debug, Clone)]
 pub struct OcclusionGrid {
     bounds: Bounds,
@@ -30,13 +29,13 @@ pub struct OcclusionGrid {
 }
 
 impl OcclusionGrid {
-    /// Default number of cells along each edge of the box, that of the paper (section IV-A).
+    /// Default number of cells along each edge of the box, as in the paper (section IV-A).
     pub const CELLS: [usize; 3] = [100; 3];
 
-    /// Decides all cells. Work is spread over the threads of the current rayon pool.
+    /// Classifies all cells. Work is spread over the threads of the current rayon pool.
     ///
     /// # Errors
-    /// No cells along an edge, or more than 2^30 in all.
+    /// No cells along an edge, or more than 2^30 cells in all.
     pub fn new(view: &RgbdView, bounds: &Bounds, dims: [usize; 3]) -> Result<Self, CoreError> {
         const MAX: usize = 1 << 30;
         if dims.contains(&0) {
@@ -71,13 +70,13 @@ impl OcclusionGrid {
         Ok(grid)
     }
 
-    /// Lengths of a cell (m).
+    /// Edge lengths of a cell (m).
     pub fn edges(&self) -> Vector3<f64> {
         let [x, y, z] = self.dims.map(|d| d as f64);
         self.bounds.size().component_div(&Vector3::new(x, y, z))
     }
 
-    /// Center of cell `i`, counted with z fastest and x slowest.
+    /// Center of cell `i`; z varies fastest and x slowest.
     pub fn center(&self, i: usize) -> Point3<f64> {
         let [_, ny, nz] = self.dims;
         let at = Vector3::new(
@@ -88,7 +87,7 @@ impl OcclusionGrid {
         self.bounds.min() + self.edges().component_mul(&at.add_scalar(0.5))
     }
 
-    /// What is known of every cell, z fastest and x slowest.
+    /// Visibility of every cell; z varies fastest and x slowest.
     pub fn cells(&self) -> &[Visibility] {
         &self.cells
     }
@@ -101,8 +100,8 @@ impl OcclusionGrid {
             .map(|(i, _)| self.center(i))
     }
 
-    /// The rest points of a field (section IV-A): the points of the surface, and the centers of the
-    /// cells behind it. Free space has none. How many of them are of the surface comes second.
+    /// The rest points of a field (section IV-A) and how many of them lie on the surface. The rest points
+    /// are the points of the surface, then the centers of the cells behind it; free space has none.
     pub fn rest_points(&self, surface: &PointCloud) -> (Vec<Point3<f64>>, usize) {
         let mut points = surface.positions.clone();
         points.extend(self.centers(Visibility::Occluded));

@@ -2,7 +2,7 @@ use crate::{Features, VisionError};
 use dyn_clone::DynClone;
 use vsf_core::CoreError;
 
-/// What a [`Regressor`] learns from: features of points, and what is known of their stiffness.
+/// Training samples of a [`Regressor`]: features of points, and what is known of their stiffness.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Samples {
     features: Features,
@@ -11,11 +11,11 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Features with one target each and the variance of its error (>= 0).
+    /// Creates samples from features, with one target per row and the variance of its error (>= 0).
     ///
     /// # Errors
-    /// Lengths that differ, targets or variances that are not finite or whose spread overflows,
-    /// negative variances, fewer than 2 samples, no feature.
+    /// Lengths that differ, targets or variances that are not finite or whose spread overflows, negative
+    /// variances, fewer than 2 samples, or no feature.
     pub fn new(
         features: Features,
         targets: Vec<f64>,
@@ -71,7 +71,7 @@ impl Samples {
         self.targets.len()
     }
 
-    /// Never true: there are at least 2 samples.
+    /// Always false: there are at least 2 samples.
     pub fn is_empty(&self) -> bool {
         self.targets.is_empty()
     }
@@ -79,15 +79,15 @@ impl Samples {
     /// The samples `indices`, in that order.
     ///
     /// # Errors
-    /// A sample that is not there, fewer than 2.
+    /// A sample that does not exist, or fewer than 2 samples.
     pub fn select(&self, indices: &[usize]) -> Result<Self, VisionError> {
         let pick = |of: &[f64]| indices.iter().map(|&i| of[i]).collect();
         let features = self.features.rows_of(indices)?;
         Self::new(features, pick(&self.targets), pick(&self.variances))
     }
 
-    /// Mean and variance of the targets, each counted by how well it is known: the weight of a
-    /// sample is `1 / (spread + variance)`, with the plain variance of all targets as `spread`.
+    /// Weighted mean and variance of the targets. The weight of a sample is `1 / (spread + variance)`,
+    /// where `spread` is the plain variance of all targets.
     pub fn spread(&self) -> (f64, f64) {
         let (mean, variance, _) = self.weighed();
         (mean, variance)
@@ -117,20 +117,20 @@ impl Samples {
     }
 }
 
-/// Predicted values, and the variances of what they will be off by.
+/// Predicted values, with the variances of their errors.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Predictions {
     /// Means, one per row of features.
     pub mean: Vec<f64>,
-    /// Variances, > 0: of the value at that point, its scatter about the trend included.
+    /// Variances, > 0, of the value at that point, including its scatter about the trend.
     pub variance: Vec<f64>,
 }
 
 impl Predictions {
-    /// Checks the answer to `rows` rows of features.
+    /// Checks that these are valid predictions for `rows` rows of features.
     ///
     /// # Errors
-    /// Another number of means or variances, one that is not finite, a negative variance.
+    /// Another number of means or variances, a number that is not finite, or a negative variance.
     pub fn check(&self, rows: usize) -> Result<(), CoreError> {
         for (what, values) in [
             ("predicted mean", &self.mean),
@@ -150,28 +150,29 @@ impl Predictions {
     }
 }
 
-/// Learns numbers from features, with an honest variance: it grows with the distance from what was
-/// learned, to that of all targets or beyond, and counts what their own variances leave open about
-/// their mean.
+/// Predicts numbers from features, with an honest variance.
 ///
-/// Dyn-safe, so that a program chooses at run time; `Box<dyn Regressor>` is a regressor, and can be cloned.
-/// Implementations give the same result for any number of threads, and leave their state alone on
-/// an error. `check_regressor` of `vsf-testkit` is a suite that every implementation must pass.
+/// The variance grows with the distance from the samples, up to the variance of all targets or beyond. It
+/// includes the uncertainty of the mean of the targets that their own variances cause.
+///
+/// Dyn-compatible, for a choice at run time; `Box<dyn Regressor>` is a regressor and can be cloned.
+/// Implementations give the same result for any number of threads and leave their state unchanged on an
+/// error. Every implementation must pass the suite `check_regressor` of `vsf-testkit`.
 pub trait Regressor: DynClone + Send + Sync {
-    /// Learns, and forgets what it learned before.
+    /// Fits the samples, and forgets what was learned before.
     ///
     /// # Errors
-    /// Samples that the implementation cannot take.
+    /// Samples that the implementation cannot handle.
     fn fit(&mut self, samples: &Samples) -> Result<(), VisionError>;
 
     /// Predicts one value per row.
     ///
     /// # Errors
-    /// [`VisionError::NotFitted`], other columns than it learned from, features so far from these
+    /// [`VisionError::NotFitted`], columns other than those it was fitted on, or features so far from these
     /// that a prediction would overflow ([`Predictions::check`]).
     fn predict(&self, features: &Features) -> Result<Predictions, VisionError>;
 
-    /// One of the same parameters that has not learned yet.
+    /// An unfitted regressor with the same parameters.
     fn fresh(&self) -> Box<dyn Regressor>;
 }
 

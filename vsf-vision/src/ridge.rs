@@ -3,15 +3,15 @@ use vsf_core::SymmetricFactor;
 
 /// Bayesian linear regression: the target is a level plus a slope along every feature.
 ///
-/// Features are scaled to unit deviation; level and slopes have the prior `N(0, alpha²)` about the
-/// mean of all targets, a target scatters by `eta² + v_j` about the trend, with `v_j` the variance
-/// that comes with it. Of a grid of powers of 2, the `alpha²` and `eta²` of the largest marginal
-/// likelihood are taken. The variance of a prediction grows with the square of the distance, beyond
-/// that of all targets.
+/// Features are scaled to unit deviation. Level and slopes have the prior `N(0, alpha²)` about the mean of
+/// all targets. A target scatters by `eta² + v_j` about the trend, where `v_j` is the variance that comes
+/// with it. `alpha²` and `eta²` are those of the largest marginal likelihood on a grid of powers of 2. The
+/// variance of a prediction grows with the square of the distance, beyond that of all targets.
 ///
-/// The mean of all targets is itself uncertain, by what their variances leave open: so is a prediction, as
-/// far as the samples leave the level at its prior. So it is by what the likelihood finds too little in
-/// `alpha²` and `eta²` to make up the variance of all targets, as it does with vague ones.
+/// The mean of all targets is itself uncertain, because of their variances. This uncertainty enters
+/// predictions as far as the samples leave the level at its prior. With vague targets, the likelihood may
+/// choose `alpha²` and `eta²` whose sum is less than the variance of all targets; the missing variance is
+/// added to the uncertainty of the mean.
 ///
 /// # Reference
 /// C. M. Bishop, *Pattern Recognition and Machine Learning*, Springer 2006, sections 3.3 and 3.5.
@@ -50,7 +50,7 @@ struct Sums {
 }
 
 impl Ridge {
-    /// A regressor that has not learned yet.
+    /// Creates an unfitted regressor.
     pub fn new() -> Self {
         Self::default()
     }

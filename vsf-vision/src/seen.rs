@@ -2,24 +2,24 @@ use crate::{Features, RgbdView, Sight, VisionError};
 use nalgebra::Point3;
 use vsf_core::CoreError;
 
-/// What one view says about the rest points of a field.
+/// What one view shows of the rest points of a field.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seen {
     /// Whether the point lies on the surface that the camera sees.
     pub visible: Vec<bool>,
-    /// How far behind that surface it lies (m), along the camera's z; 0 on it. Infinite where nothing is
-    /// there, in front of the surface, and out of the picture.
+    /// Depth of the point behind that surface (m), along the camera's z; 0 on it. Infinite in front of the
+    /// surface, where nothing is there, and outside the picture.
     pub behind: Vec<f64>,
-    /// Whether the point lies in the picture; of others the view says nothing.
+    /// Whether the point lies in the picture. The view says nothing about other points.
     pub in_picture: Vec<bool>,
-    /// Color of the surface in front of it; black where there is none.
+    /// Color of the surface at the point's pixel; black where there is none.
     pub colors: Vec<[u8; 3]>,
-    /// How high it lies above the lowest of the points that were looked at (m).
+    /// Height of the point above the lowest of the given points (m).
     pub heights: Vec<f64>,
 }
 
 impl Seen {
-    /// Looks at points; those within `tolerance` (m, >= 0) of the surface are visible. The
+    /// Looks up points in a view. Points within `tolerance` (m, >= 0) of the surface are visible; the
     /// tolerance should cover half the spacing of the points.
     ///
     /// # Errors
@@ -52,10 +52,10 @@ impl Seen {
         Ok(seen)
     }
 
-    /// What is said about the points `of` alone, in that order.
+    /// The entries of the points `of`, in that order.
     ///
     /// # Errors
-    /// A point that is not there, as [`check`](Self::check).
+    /// A point that does not exist, or as [`check`](Self::check).
     pub fn select(&self, of: &[usize]) -> Result<Self, CoreError> {
         self.check()?;
         self.check_points(of)?;
@@ -68,10 +68,10 @@ impl Seen {
         })
     }
 
-    /// Checks that something is said of every point, and that no point lies before the surface.
+    /// Checks that every point has all entries, and that no depth behind the surface is negative.
     ///
     /// # Errors
-    /// Lengths that differ, a depth behind the surface that is negative or NaN.
+    /// Lengths that differ, or a depth behind the surface that is negative or NaN.
     pub fn check(&self) -> Result<(), CoreError> {
         for (what, got) in [
             ("depths behind the surface", self.behind.len()),
@@ -96,17 +96,19 @@ impl Seen {
         self.visible.len()
     }
 
-    /// True without points.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.visible.is_empty()
     }
 
-    /// How likely there is something at each point: 1 on the surface, falling by `1/e` for every
-    /// `fade` (m, > 0) behind it. The volume that a camera cannot see into is mostly empty, the more
-    /// so the deeper. 0 out of the picture, where nothing suggests that there is anything.
+    /// Probability that there is material at each point: 1 on the surface, falling by `1/e` for every
+    /// `fade` (m, > 0) behind it, and 0 outside the picture.
+    ///
+    /// The volume that a camera cannot see into is mostly empty, the more so the deeper. Outside the
+    /// picture nothing suggests that there is anything.
     ///
     /// # Errors
-    /// A length that is not positive, as [`check`](Self::check).
+    /// A length that is not positive, or as [`check`](Self::check).
     pub fn occupancy(&self, fade: f64) -> Result<Vec<f64>, CoreError> {
         if fade.is_nan() || fade <= 0.0 {
             return Err(CoreError::Parameter {
@@ -128,12 +130,11 @@ impl Seen {
         Ok(depth.map(occupancy).collect())
     }
 
-    /// What the points `of` look like, by features that mean the same on every object: color of the
-    /// surface in front of them (CIELAB), `depth` behind it (m), and `height` above the lowest of all
-    /// points (m).
+    /// Appearance of the points `of`, by features that mean the same on every object: CIELAB color of the
+    /// surface in front of them, `depth` behind it (m), and `height` above the lowest of all points (m).
     ///
     /// # Errors
-    /// One of `of` that is not there or has nothing in front of it, as [`check`](Self::check).
+    /// A point of `of` that does not exist or has nothing in front of it, or as [`check`](Self::check).
     pub fn appearance(&self, of: &[usize]) -> Result<Features, VisionError> {
         self.check()?;
         self.check_points(of)?;

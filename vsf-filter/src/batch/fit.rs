@@ -14,10 +14,10 @@ const BLOCK: usize = 256;
 
 /// A solution of [`BatchMap`]: the non-negative optimum and the Gaussian around it.
 ///
-/// The posterior is that of the points with `K > 0`, correlations included; points that the
-/// optimum holds at zero count as known to be zero. That is the Gaussian that has the optimum as
-/// its mean. Points that no observation touched keep an independent prior; under a correlated one
-/// they follow from the touched points by the conditional Gaussian.
+/// The posterior is the Gaussian that has the optimum as its mean. It covers the points with `K > 0`,
+/// correlations included; points that the optimum holds at zero count as known to be zero. Points that no
+/// observation touched keep their prior if it is independent. Under a correlated prior they follow from the
+/// touched points by the conditional Gaussian.
 #[derive(Debug)]
 pub struct BatchFit<'a> {
     pub(super) batch: &'a BatchMap<'a>,
@@ -56,27 +56,29 @@ impl<'a> BatchFit<'a> {
         }
     }
 
-    /// Largest violation of the optimality conditions (`K >= 0`, gradient zero where `K > 0` and
-    /// not negative where `K = 0`), relative to the largest term and whatever the units of single
-    /// points; rounding.
+    /// Largest violation of the optimality conditions, relative to the largest term: only rounding remains.
+    ///
+    /// The conditions are `K >= 0`, gradient zero where `K > 0`, and gradient not negative where `K = 0`.
+    /// The result does not depend on the units of single points.
     pub fn kkt_residual(&self) -> f64 {
         self.optimum.kkt_residual
     }
 
-    /// Factorizations needed.
+    /// Number of factorizations that the solution took.
     pub fn factorizations(&self) -> usize {
         self.optimum.factorizations
     }
 
-    /// The touched points that the optimum leaves free (`K > 0`), increasing.
+    /// The touched points that the optimum leaves free (`K > 0`), in increasing order.
     pub fn free_points(&self) -> impl Iterator<Item = u32> + '_ {
         let free = self.optimum.factor.free.iter();
         free.map(|&i| self.batch.points[i])
     }
 
-    /// Means of all points (N/m), >= 0: the optimum and, for points never touched, the prior's
-    /// mean given the optimum, at least 0. Costs `O(n)` per point that was never touched under a
-    /// correlated prior.
+    /// Means of all points (N/m), >= 0.
+    ///
+    /// Touched points have the optimum. Points never touched have the mean of the prior given the optimum,
+    /// clamped at 0. Under a correlated prior each of these costs `O(n)`.
     pub fn mean(&self) -> Vec<f64> {
         let mut mean = self.prior.mean().to_vec();
         if let Some(pull) = self.pull() {
@@ -92,7 +94,7 @@ impl<'a> BatchFit<'a> {
         mean
     }
 
-    /// Belief about every point: [`BatchFit::marginals`] of all of them.
+    /// Belief about every point: [`BatchFit::marginals`] of all points.
     ///
     /// # Errors
     /// As [`BatchFit::marginals`].
@@ -104,16 +106,15 @@ impl<'a> BatchFit<'a> {
     /// Mean and variance of the given points, in their order.
     ///
     /// - `K > 0`: the marginals of the Gaussian posterior.
-    /// - Held at zero: the second moment about zero of what the data say of the point when it is
-    ///   let free beside the others, a Gaussian with its mean below zero, cut off at zero. It is
-    ///   the mean squared distance from the reported 0.
-    /// - Never touched: the prior, conditional on the touched points when correlated, its mean at
-    ///   least 0. This costs `O(n²)` time per point for `n` touched points where a part of the
-    ///   prior is smooth in space: choose points, or take [`BatchFit::mean`], when there are
-    ///   many.
+    /// - Held at zero: mean 0, and as variance the mean squared distance from it. This is the second moment
+    ///   about zero of what the data say of the point when it is freed beside the others: a Gaussian with
+    ///   its mean below zero, truncated at zero.
+    /// - Never touched: the prior, conditional on the touched points if correlated, its mean clamped at 0.
+    ///   Where a part of the prior is smooth in space, this costs `O(n²)` time per point for `n` touched
+    ///   points. If there are many, select points, or use [`BatchFit::mean`].
     ///
     /// # Errors
-    /// A point beyond the field, a variance beyond the range of numbers.
+    /// A point beyond the field, or a variance that is not representable.
     pub fn marginals(&self, points: &[u32]) -> Result<Belief<f64>, CoreError> {
         let len = self.prior.len();
         if let Some(&p) = points.iter().find(|&&p| p as usize >= len) {
@@ -182,14 +183,15 @@ impl<'a> BatchFit<'a> {
         }
     }
 
-    /// Predicts the reading of an observation (its own reading is not looked at), the correlations
-    /// of the points included. The sd holds the noise of the observation, or that of [`BatchMap::with_noise`], times
-    /// the noise scale.
-    /// Points held at zero count as known.
+    /// Predicts the reading of an observation, taking correlations between points into account. The reading
+    /// in `obs` is ignored.
+    ///
+    /// The sd includes the noise of the observation, or that of [`BatchMap::with_noise`], times the noise
+    /// scale. Points held at zero count as known.
     ///
     /// # Errors
-    /// An observation that reaches beyond the field, or of another number of channels than the noise; predictions beyond the
-    /// range of numbers.
+    /// An observation that reaches beyond the field or has another number of channels than the noise, or
+    /// predictions that are not representable.
     pub fn predict(&self, obs: &Observation<f64>) -> Result<Prediction, CoreError> {
         let (mean, covariance) = self.predict_joint(obs)?;
         let d = obs.dim();
@@ -197,7 +199,7 @@ impl<'a> BatchFit<'a> {
         Ok(Prediction { mean, sd })
     }
 
-    /// As [`BatchFit::predict`], with the whole covariance of the reading (row-major `d x d`).
+    /// Like [`BatchFit::predict`], but with the full covariance of the reading (row-major `d x d`).
     ///
     /// # Errors
     /// As [`BatchFit::predict`].

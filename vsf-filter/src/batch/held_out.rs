@@ -2,29 +2,30 @@ use super::BatchFit;
 use std::f64::consts::TAU;
 use vsf_core::{CoreError, Observation};
 
-/// What the other sequences predict of one sequence: see [`BatchFit::leave_one_out`].
+/// Prediction of one sequence from all others: see [`BatchFit::leave_one_out`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct HeldOut {
     /// `log p(tau_s | others)`, the joint density of all readings of the sequence.
     pub log_density: f64,
-    /// Mean of `||tau_hat - tau||_2` over the observations of the sequence, 0 without any.
+    /// Mean of `||tau_hat - tau||_2` over the observations of the sequence; 0 if it has none.
     pub mean_error: f64,
     /// Predicted readings `tau_hat`, one observation after another.
     pub prediction: Vec<f64>,
 }
 
 impl BatchFit<'_> {
-    /// Predicts every sequence from all others, without another fit: the Gaussian posterior of
-    /// the points with `K > 0` is downdated by the sequence, exactly. Which points are free is
-    /// kept; a fit without the sequence might choose otherwise, and predicted fields may come out
-    /// below zero where the sequence alone knew better.
+    /// Predicts every sequence from all others, without refitting.
     ///
-    /// Costs `O(k³)` per sequence, with `k` the smaller of its rows and its touched points with
-    /// `K > 0`.
+    /// The Gaussian posterior of the points with `K > 0` is downdated by the sequence, exactly. The set of
+    /// free points is kept. A fit without the sequence might choose another set, and predicted fields may
+    /// fall below zero where only the left-out sequence had the information.
+    ///
+    /// Costs `O(k³)` per sequence, where `k` is the smaller of its number of rows and its number of touched
+    /// points with `K > 0`.
     ///
     /// # Errors
-    /// Posteriors that are not positive definite to rounding.
+    /// Posteriors that are not positive definite because of rounding.
     ///
     /// # Reference
     /// C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes for Machine Learning*, MIT Press

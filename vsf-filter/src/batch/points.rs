@@ -200,10 +200,9 @@ impl Quadratic for ByPoints<'_> {
         x
     }
 
-    /// Solves `[H J E; J^T P 0; E^T 0 0] [x; z; y] = [b; c; 0]`: `H` of the old unknowns `x`, `J`
-    /// and `P` the columns of those that join, `z`, and unit columns `E` with the multipliers `y`
-    /// that hold those that leave at zero. With `H = L L^T`, what is left is of the size of the
-    /// changes.
+    /// Solves `[H J E; J^T P 0; E^T 0 0] [x; z; y] = [b; c; 0]`. `H` belongs to the old unknowns `x`; `J`
+    /// and `P` are the columns of the unknowns `z` that join. Unit columns `E` with the multipliers `y`
+    /// hold those that leave at zero. With `H = L L^T`, the remaining system has the size of the changes.
     fn minimizer_near(&self, factor: &Factor, free: &[bool]) -> Option<Vec<f64>> {
         let old = &factor.free;
         let leaving: Vec<usize> = (0..old.len()).filter(|&k| !free[old[k]]).collect();

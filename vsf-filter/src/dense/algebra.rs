@@ -1,5 +1,4 @@
-//! Dense linear algebra with the parallelism said: one thread, so that the same bits come out
-//! wherever it runs.
+//! Dense linear algebra on one thread, so that the same bits come out wherever it runs.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::{triangular_inverse, triangular_solve};

@@ -17,68 +17,73 @@ use crate::values::{all_finite, all_positive};
 use faer::Mat;
 use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar, UpdateReport};
 
-/// Exact recursive Gaussian filter in covariance form: one mean per point and the covariance of all
-/// touched points.
+/// Exact recursive Gaussian filter in covariance form. It keeps one mean per point and the covariance of
+/// all touched points.
 ///
-/// An update takes the gain `P W^T (W P W^T + R)^-1`: the posterior of eq. 5 without its `n x n`
+/// An update uses the gain `P W^T (W P W^T + R)^-1`. It gives the posterior of eq. 5 without its `n x n`
 /// inverse, in `O(n² d)` for `n` touched points and `d` channels, against `O(n³)` of
-/// [`crate::InformationFilter`]: 6.2 ms of processor time in `f32` and 12.0 ms in `f64` for 7 channels
-/// and 4100 contacts of 4300 touched points (AMD Zen 4; `benches/dense.rs`), shared by the threads.
-/// To follow the constrained mean takes another 2.3 ms in `f32`, on one thread.
-/// The covariance takes `n² / 2` numbers. A point enters with its first touch and costs nothing
-/// before, whatever the size of the field.
+/// [`crate::InformationFilter`]. With 7 channels and 4100 contacts of 4300 touched points it takes 6.2 ms
+/// of processor time in `f32` and 12.0 ms in `f64` (AMD Zen 4; `benches/dense.rs`), shared by the threads.
+/// Following the constrained mean takes another 2.3 ms in `f32`, on one thread.
+///
+/// The covariance takes `n² / 2` numbers. A point enters it with its first touch and costs nothing before,
+/// whatever the size of the field.
 ///
 /// # Priors
-/// Any [`FieldPrior`]: [`Estimator::reset`] takes marginals and so an independent prior,
-/// [`JointEstimator::restart`] takes the others. Points that are touched for the first time follow
-/// from the touched ones by the prior. That is free for an independent prior, one more pass over
-/// the covariance for a shared level, and `O(n² b)` for `b` new points that are smooth in space,
-/// where the factor of the prior takes another `n²` to `4 n²` numbers of `f64`.
-/// [`JointEstimator::include`] pays ahead of time.
+/// Any [`FieldPrior`] will do. [`Estimator::reset`] takes marginals and thus an independent prior;
+/// [`JointEstimator::restart`] takes any prior.
+///
+/// Points that are touched for the first time are conditioned on those touched before:
+/// - independent prior: free;
+/// - shared level: one more pass over the covariance;
+/// - smooth in space: `O(n² b)` for `b` new points. The factor of the prior takes another `n²` to `4 n²`
+///   numbers of `f64`.
+///
+/// [`JointEstimator::include`] pays this cost ahead of time.
 ///
 /// # Untouched points
-/// [`Estimator::belief`] shows the prior's marginals of points that were neither touched nor
-/// included. For an independent prior that is their posterior. For a correlated one touches say
-/// something of them too: [`JointEstimator::extrapolate`] tells what, in `O(n²)` a point, [`Estimator::field`] tells the
-/// means of all, in `O(n)` a point, and [`Estimator::predict`] makes use of it.
+/// For points that were neither touched nor included, [`Estimator::belief`] shows the marginals of the
+/// prior. With an independent prior that is their posterior. With a correlated prior, touches carry
+/// information about them too. [`JointEstimator::extrapolate`] computes their posterior, in `O(n²)` per
+/// point, and [`Estimator::field`] the means of all, in `O(n)` per point. [`Estimator::predict`] makes use
+/// of it.
 ///
 /// # Signs
-/// The mean of the belief is the mode of the posterior within `K >= 0`
-/// ([`Projection::Constrained`], the default): the optimum that [`crate::BatchMap`] finds from all
-/// readings at once. [`Estimator::predict`], `prefit` and `postfit` are of that mode, `projected`
-/// counts the points that it holds at zero; `nis`, log-likelihood and whitened residual are of the
-/// Gaussian posterior, which goes on as if there were no constraint.
+/// By default ([`Projection::Constrained`]) the mean of the belief is the mode of the posterior within
+/// `K >= 0`: the optimum that [`crate::BatchMap`] finds from all readings at once. [`Estimator::predict`],
+/// `prefit` and `postfit` refer to that mode, and `projected` counts the points that it holds at zero.
+/// `nis`, log-likelihood and whitened residual refer to the Gaussian posterior, which is updated as if
+/// there were no constraint.
 ///
-/// An update leaves the mode at a [`CovarianceFilter::kkt_residual`] of at most 1e-6 (8e-6 in
-/// `f32`), or as near to that as correcting 16 blocks of 64 points brings it, the worst first; what is
-/// left goes on with the next update. [`CovarianceFilter::settle`] does all of it at once, and [`Estimator::field`] shows
-/// that. Between updates the correction is slow where readings tie points together far more tightly than the prior lets them vary
-/// (`W P W^T` of points at zero above some 1e5 times the noise): there the residual stays large, and the mean may be off by as much of
-/// a prior's sd.
+/// An update corrects the mode, in at most 16 blocks of 64 points, the worst first. It stops at a
+/// [`CovarianceFilter::kkt_residual`] of at most 1e-6 (8e-6 in `f32`); what is left after 16 blocks is
+/// corrected by the next updates. [`CovarianceFilter::settle`] corrects all of it at once, and
+/// [`Estimator::field`] shows the settled result. The corrections of updates are slow where readings tie
+/// points together far more tightly than the prior lets them vary (`W P W^T` of points at zero above some
+/// 1e5 times the noise). There the residual stays large, and the mean may be off by as much as a prior sd.
 ///
-/// Variances of points with `K > 0` are the marginals of that Gaussian. Of points held at zero they
-/// are the mean squared distance from zero of the Gaussian of which `K_i >= 0` cuts off all but the
-/// tail. Both take the other points at zero as free, where [`crate::BatchFit`] takes them as known:
-/// they are upper bounds of what it reports.
+/// Variances of points with `K > 0` are the marginals of the Gaussian posterior. For points held at zero
+/// they are the mean squared distance from zero of that Gaussian, truncated to the tail that `K_i >= 0`
+/// leaves. Both treat the other points at zero as free, where [`crate::BatchFit`] treats them as known:
+/// they are upper bounds of the variances that it reports.
 ///
-/// # Numbers
-/// In `f32` variances err by about a millionth of the *prior's* (7e-7 after 1000 updates of 300
-/// points; means of the Gaussian by 2e-4 and constrained ones by 1.2e-3 of their sd, with variances
-/// down to 5e-4 of the prior's). When the
-/// posterior itself comes down to that, in a very wide prior, it is lost: updates then end with
-/// [`CoreError::NotPositiveDefinite`] and leave the belief as it was. Take `f64` there.
+/// # Numerical accuracy
+/// In `f32`, variances err by about a millionth of the *prior's*. (After 1000 updates of 300 points, with
+/// variances down to 5e-4 of the prior's: variances by 7e-7, means of the Gaussian by 2e-4 of their sd, and
+/// constrained means by 1.2e-3 of their sd.) When the posterior variance itself falls to that level, as
+/// with a very wide prior, it is lost: updates then end with [`CoreError::NotPositiveDefinite`] and leave
+/// the belief as it was. Use `f64` there.
 ///
-/// At most 32768 points can be touched: an update that touches more is refused with
-/// [`CoreError::TooMany`].
+/// At most 32768 points can be touched: an update that touches more is refused with [`CoreError::TooMany`].
 ///
-/// The same bits come out for any number of threads (of the rayon pool that `update` runs in);
-/// processors without fused multiply-add round the last bits otherwise. On one thread an update
-/// that touches no new point does not allocate.
+/// Results are the same bits for any number of threads (of the rayon pool that `update` runs in).
+/// Processors without fused multiply-add differ in the last bits. On one thread, an update that touches no
+/// new point does not allocate.
 ///
 /// # Reference
-/// R. E. Kalman, *A New Approach to Linear Filtering and Prediction Problems*, J. Basic Eng. 82
-/// (1960), doi 10.1115/1.3662552. Given new points: C. E. Rasmussen, C. K. I. Williams, *Gaussian
-/// Processes for Machine Learning*, MIT Press 2006, appendix A.2.
+/// R. E. Kalman, *A New Approach to Linear Filtering and Prediction Problems*, J. Basic Eng. 82 (1960), doi
+/// 10.1115/1.3662552. For conditioning new points: C. E. Rasmussen, C. K. I. Williams, *Gaussian Processes
+/// for Machine Learning*, MIT Press 2006, appendix A.2.
 ///
 /// ```
 /// use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -128,7 +133,7 @@ struct Scratch<T> {
 }
 
 impl<T: Scalar> CovarianceFilter<T> {
-    /// A filter that starts from a prior (a [`FieldPrior`] or a [`Belief`]), with the default
+    /// Creates a filter that starts from a prior (a [`FieldPrior`] or a [`Belief`]), with the default
     /// projection.
     ///
     /// # Errors
@@ -137,7 +142,7 @@ impl<T: Scalar> CovarianceFilter<T> {
         Self::with_projection(prior, Projection::default())
     }
 
-    /// A filter with a given projection.
+    /// Creates a filter with the given projection.
     ///
     /// # Errors
     /// Variances beyond the range of `T`.
@@ -157,22 +162,27 @@ impl<T: Scalar> CovarianceFilter<T> {
         })
     }
 
-    /// What happens to negative means.
+    /// How negative means are handled.
     pub fn projection(&self) -> Projection {
         self.shown.projection
     }
 
-    /// How far the mean is from the optimum of [`Projection::Constrained`]: the largest
-    /// `|min(x_i, lambda_i P_ii)|`, in units of the prior's standard deviation, of `x = mu + P lambda`
-    /// with the multipliers `lambda >= 0` of `K >= 0`. 0 with other projections.
+    /// Distance of the mean from the optimum of [`Projection::Constrained`], in standard deviations of the
+    /// prior; 0 with other projections.
+    ///
+    /// It is the largest `|min(x_i, lambda_i P_ii)|` of `x = mu + P lambda`, where `lambda >= 0` are the
+    /// multipliers of `K >= 0`.
     pub fn kkt_residual(&self) -> f64 {
         self.mode.as_ref().map_or(0.0, Mode::residual)
     }
 
-    /// Brings the mean of [`Projection::Constrained`] to the optimum (a
-    /// [`CovarianceFilter::kkt_residual`] of 1e-10, 8e-6 in `f32`), by the points that are held at zero (`O(m³)` for `m` of them) where
-    /// correcting them one after the other takes too long. Where more than 4096 are held, or rounding keeps it from an end, it gives up
-    /// after 2000 turns, as the residual tells. For a field to keep, after the last reading. Does nothing with other projections.
+    /// Brings the mean of [`Projection::Constrained`] to the optimum: a [`CovarianceFilter::kkt_residual`]
+    /// of 1e-10 (8e-6 in `f32`).
+    ///
+    /// Call it after the last reading, for a field to keep. Where correcting the points one after the other
+    /// takes too long, it solves for the `m` points that are held at zero, in `O(m³)`. If more than 4096
+    /// are held, or rounding prevents an end, it gives up after 2000 turns; the residual then shows it.
+    /// Does nothing with other projections.
     pub fn settle(&mut self) {
         if let Some(mode) = &mut self.mode {
             mode.settle(&self.covariance, &self.mean);
@@ -361,7 +371,7 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
         &self.shown.belief
     }
 
-    /// With the mode [settled](CovarianceFilter::settle), which the filter itself is not by that.
+    /// Shows the [settled](CovarianceFilter::settle) mode; the filter itself is not settled by this.
     fn field(&self) -> Result<Belief<T>, CoreError> {
         let Some(mode) = &self.mode else {
             return self.whole(&self.shown.belief, |slot| self.mean[slot]);
@@ -404,9 +414,9 @@ impl<T: Scalar> Estimator for CovarianceFilter<T> {
         })
     }
 
-    /// Refused with a correlated prior, where what touched points tell of the others is about their
-    /// stiffness at the first touch, and with [`Projection::Constrained`], where the readings that
-    /// hold a point at zero are about its stiffness then.
+    /// Refused in two cases. With a correlated prior, what touched points say of the others refers to their
+    /// stiffness at the first touch. With [`Projection::Constrained`], the readings that hold a point at
+    /// zero refer to its stiffness at that time.
     fn diffuse(&mut self, variance: T) -> Result<(), CoreError> {
         let refused = if !self.touched.prior().is_independent() {
             "a field that changes with time (Estimator::diffuse), with a correlated prior,"

@@ -12,19 +12,18 @@ use vsf_core::{
     Belief, CoreError, Estimator, Observation, Prediction, Scalar, SymmetricFactor, UpdateReport,
 };
 
-/// Exact recursive Gaussian filter in information form, eq. 5 of the paper: the precision matrix
-/// of the touched points gains `W^T R^-1 W`, the mean follows from its Cholesky factor.
+/// Exact recursive Gaussian filter in information form (eq. 5 of the paper). An update adds `W^T R^-1 W` to
+/// the precision matrix of the touched points; the mean follows from its Cholesky factor.
 ///
-/// An update costs `O(n³)` for `n` touched points: seconds for thousands, where
-/// [`crate::CovarianceFilter`] reaches the same posterior in milliseconds. It is here as the
-/// paper's own form and as an oracle: information only adds up, nothing is subtracted, so that rounding
-/// cannot make it lose its definiteness. All is computed in `f64`, `T` is the type of
-/// observations and belief. An update allocates.
+/// An update costs `O(n³)` for `n` touched points: seconds for thousands, where [`crate::CovarianceFilter`]
+/// reaches the same posterior in milliseconds. It is the paper's own form and serves as an oracle:
+/// information is only added, never subtracted, so rounding cannot make the matrix indefinite. Everything
+/// is computed in `f64`; `T` is the type of observations and belief. An update allocates.
 ///
-/// At most 32768 points can be touched. Priors and untouched points are as in [`crate::CovarianceFilter`]. Points touched for the first
-/// time under a correlated prior cost `O(n³)` too. With [`Projection::OutputOnly`], the default
-/// here, [`Estimator::predict`], `prefit` and `nis` are those of the Gaussian itself and `postfit` is
-/// of the belief.
+/// At most 32768 points can be touched. Priors and untouched points are handled as in
+/// [`crate::CovarianceFilter`]. Points touched for the first time under a correlated prior cost `O(n³)`
+/// too. With [`Projection::OutputOnly`], the default here, [`Estimator::predict`], `prefit` and `nis` refer
+/// to the Gaussian itself, `postfit` to the belief.
 ///
 /// ```
 /// use vsf_core::{Belief, Estimator, Noise, Observation};
@@ -63,7 +62,7 @@ struct Gaussian {
 }
 
 impl<T: Scalar> InformationFilter<T> {
-    /// A filter that starts from a prior (a [`FieldPrior`] or a [`Belief`]), with
+    /// Creates a filter that starts from a prior (a [`FieldPrior`] or a [`Belief`]), with
     /// [`Projection::OutputOnly`].
     ///
     /// # Errors
@@ -72,11 +71,11 @@ impl<T: Scalar> InformationFilter<T> {
         Self::with_projection(prior, Projection::OutputOnly)
     }
 
-    /// A filter with a given projection.
+    /// Creates a filter with the given projection.
     ///
     /// # Errors
-    /// Variances beyond the range of `T`; [`Projection::Constrained`], which
-    /// [`crate::CovarianceFilter`] has.
+    /// Variances beyond the range of `T`, or [`Projection::Constrained`], which only
+    /// [`crate::CovarianceFilter`] supports.
     pub fn with_projection(
         prior: impl Into<FieldPrior>,
         projection: Projection,
@@ -97,7 +96,7 @@ impl<T: Scalar> InformationFilter<T> {
         })
     }
 
-    /// What happens to negative means.
+    /// How negative means are handled.
     pub fn projection(&self) -> Projection {
         self.shown.projection
     }

@@ -6,35 +6,37 @@ use vsf_core::{Belief, CoreError, Estimator, Observation, Prediction, Scalar};
 /// Points extrapolated at once.
 const CHUNK: usize = 8;
 
-/// An estimator that keeps the joint Gaussian of the points it has touched, and knows by its prior
-/// what that says of all others. Dyn-safe, and boxes of it can be cloned.
+/// An estimator that keeps the joint Gaussian of the touched points and can extend it to all others by its
+/// prior. Dyn-compatible; boxes of it can be cloned.
 pub trait JointEstimator: Estimator {
-    /// Forgets everything and starts from any prior; [`Estimator::reset`] takes marginals only.
+    /// Forgets everything and starts again from any prior. ([`Estimator::reset`] takes marginals only.)
     ///
     /// # Errors
-    /// Variances beyond the range of the number type; the estimator is then as before.
+    /// Variances beyond the range of the number type; the estimator is then unchanged.
     fn restart(&mut self, prior: FieldPrior) -> Result<(), CoreError>;
 
-    /// The touched (or included) points, in the order in which they came.
+    /// The touched (or included) points, in the order in which they were first touched or included.
     fn points(&self) -> &[u32];
 
     /// Posterior covariance (N²/m²) of points `i` and `j`, before projection; `None` if one of
     /// them was neither touched nor included.
     fn covariance(&self, i: usize, j: usize) -> Option<Self::Scalar>;
 
-    /// Takes points in as if they had been touched: from now on [`Estimator::belief`] follows them,
-    /// and their first touch costs no more than any other. Changes nothing that is known.
+    /// Includes points as if they had been touched. From now on [`Estimator::belief`] follows them, and
+    /// their first touch costs no more than any other. The posterior does not change.
     ///
     /// # Errors
-    /// A point beyond the field, a prior covariance that is not positive definite. Some points may
-    /// then be included, to no harm.
+    /// A point beyond the field, or a prior covariance that is not positive definite. Some points may then
+    /// be included, which does no harm.
     fn include(&mut self, points: &[u32]) -> Result<(), CoreError>;
 
-    /// Posterior marginals of any points, touched or not, in their order; means below zero are
-    /// shown as zero. `O(n²)` for every point that was never touched, with `n` touched ones.
+    /// Posterior marginals of any points, touched or not, in the order given; negative means are shown as
+    /// zero.
+    ///
+    /// Costs `O(n²)` for every point that was never touched, with `n` touched points.
     ///
     /// # Errors
-    /// A point beyond the field, a variance that rounding left without a positive value.
+    /// A point beyond the field, or a variance that rounding left without a positive value.
     fn extrapolate(&self, points: &[u32]) -> Result<Belief<Self::Scalar>, CoreError>;
 }
 

@@ -1,8 +1,8 @@
-//! Exact Gaussian filters over the touched points. [`touched`] says what the prior makes of points
-//! that come in late, [`joint`] what a posterior of the touched points says of all others.
-//! [`information`] is eq. 5 of the paper by matrices of `faer`. [`covariance`] is the fast form:
+//! Exact Gaussian filters over the touched points. [`touched`] conditions the prior of points that are
+//! touched late on earlier ones, [`joint`] extends a posterior of the touched points to all others.
+//! [`information`] is eq. 5 of the paper with matrices of `faer`. [`covariance`] is the fast form:
 //! [`tiles`] hold the matrix, [`product`] multiplies it, [`square`] has the inner loops. [`mode`] follows
-//! the constrained optimum by [`columns`] of it, [`pivoting`] finds it.
+//! the constrained optimum by [`columns`] of the matrix, [`pivoting`] finds it exactly.
 
 mod algebra;
 mod channels;

@@ -1,4 +1,4 @@
-//! The mode within `K >= 0`, exactly, by the points that are held at zero.
+//! Finds the mode within `K >= 0` exactly, from the set of points held at zero.
 
 use super::algebra::{PAR, solve_lower, solve_lower_transposed};
 use crate::cholesky::cholesky;
@@ -19,10 +19,11 @@ pub(super) struct Pivoted {
     pub(super) lambda: Vec<f64>,
 }
 
-/// [Block principal pivoting](Exchanges) from the points that are `held` at zero: solve for their multipliers, then exchange all points
-/// that came out wrong (a negative multiplier, or a negative value). `covariance(i, j)` is `P`; `unit` are one over the deviations in
-/// which violations up to `tolerance` count as none. `None` where rounding keeps it from an end, too many points are held, or it would
-/// take minutes.
+/// [Block principal pivoting](Exchanges), starting from the points that are `held` at zero: solve for their multipliers,
+/// then exchange all points that came out wrong (a negative multiplier, or a negative value).
+///
+/// `covariance(i, j)` is `P`. Violations up to `tolerance` are ignored, in units of the deviations of which `unit` are the
+/// reciprocals. `None` if rounding prevents an end, too many points are held, or it would take minutes.
 pub(super) fn pivot(
     mu: &[f64],
     covariance: impl Fn(usize, usize) -> f64,

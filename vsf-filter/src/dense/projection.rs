@@ -3,28 +3,31 @@ use super::mode::Mode;
 use crate::prior::FieldPrior;
 use vsf_core::{Belief, CoreError, Observation, Scalar, UpdateReport};
 
-/// What a dense filter does with means below zero, where no stiffness can be.
+/// How a dense filter handles negative means, which no stiffness can have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Projection {
-    /// The mode of the posterior within `K >= 0`, the constrained optimum of all readings so far:
-    /// where one point is held at zero, the points correlated with it move along, so that what the
-    /// readings said of their sum still holds. The filter itself goes on from the Gaussian
-    /// posterior, which stays exact and does not depend on the order of observations. The default;
-    /// [`crate::CovarianceFilter`] alone has it.
+    /// The mean is the mode of the posterior within `K >= 0`: the constrained optimum of all readings so
+    /// far. The default of [`crate::CovarianceFilter`], which alone supports it.
+    ///
+    /// Where one point is held at zero, the points correlated with it move along, so that what the readings
+    /// said of their sum still holds. The filter itself continues from the Gaussian posterior, which stays
+    /// exact and does not depend on the order of observations.
     #[default]
     Constrained,
-    /// The belief shows `max(mean, 0)`, point by point; the filter goes on from the Gaussian
-    /// posterior. Where points are strongly correlated, `W` times those means is no longer what the
-    /// readings said: on held-out pushes into a plant it errs by 1.39 N m, the constrained optimum
-    /// by 1.22 and means that were fed back by 2.22 (prior and noise the same).
+    /// The belief shows `max(mean, 0)`, point by point; the filter continues from the Gaussian posterior.
+    ///
+    /// Where points are strongly correlated, `W` times the clamped means no longer matches the readings. On
+    /// held-out pushes into a plant it errs by 1.39 N m, [`Projection::Constrained`] by 1.22 and
+    /// [`Projection::FedBack`] by 2.22 (same prior and noise).
     OutputOnly,
-    /// The projected mean is the start of the next update (eq. 5, last line). On little data it may
-    /// come closer to the truth (distance 0.61 instead of 0.64 of the field's norm after 60
-    /// readings of 200 points). But it moves the mean off combinations of points that are known
-    /// well, the covariance does not know of it, and the filter can diverge: 17.6 instead of 0.19
-    /// after 300 readings that all push the same way (`tests/filter/val_dense.rs`).
+    /// The next update starts from the projected mean (eq. 5, last line).
+    ///
+    /// With little data it may come closer to the truth (distance 0.61 instead of 0.64 of the field's norm
+    /// after 60 readings of 200 points). But it shifts combinations of points that are known well, without
+    /// the covariance reflecting it, and the filter can diverge: 17.6 instead of 0.19 after 300 readings
+    /// that all push the same way (`tests/filter/val_dense.rs`).
     FedBack,
 }
 

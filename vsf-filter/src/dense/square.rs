@@ -1,6 +1,6 @@
-//! Inner loops of a matrix cut into 8 x 8 squares. Plain loops over arrays of eight, compiled once
-//! for any processor and once for the vector instructions that are found at run time. Every sum
-//! has a fixed order.
+//! Inner loops of a matrix cut into 8 x 8 squares. They are plain loops over arrays of eight, compiled once
+//! for any processor and once for the vector instructions detected at run time. Every sum has a fixed
+//! order.
 
 use pulp::{Arch, Simd, WithSimd};
 use vsf_core::Scalar;

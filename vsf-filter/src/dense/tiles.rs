@@ -1,4 +1,4 @@
-//! A symmetric matrix that grows and is downdated, for covariances of thousands of points.
+//! A symmetric matrix that can grow and be downdated, for covariances of thousands of points.
 
 use super::channels::Channels;
 use super::square::{BANDS, Kernel, OCTET, Square, TILE, TILE_SQUARES, dispatch, downdate, zero};

@@ -6,13 +6,13 @@ use vsf_data::Sequence;
 use vsf_robots::RobotModel;
 use vsf_vision::Features;
 
-/// What a baseline learns from: the train samples, one sequence after the other.
+/// Training data of a baseline: the train samples, one sequence after the other.
 pub struct Known {
     /// One row per sample.
     pub features: Features,
     /// One column per sample, one row per joint.
     pub torques: DMatrix<f64>,
-    /// Samples of each touch, in order.
+    /// Sample ranges of the touches, in order.
     pub touches: Vec<Range<usize>>,
     /// Which of `(q, r, k)` are features.
     chosen: Vec<bool>,

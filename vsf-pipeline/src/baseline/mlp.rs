@@ -15,23 +15,25 @@ use std::ops::ControlFlow;
 use vsf_core::CoreError;
 use vsf_vision::{Features, Scaler};
 
-/// A multilayer perceptron ([`super::Baseline::Mlp`]).
+/// Parameters of a multilayer perceptron ([`super::Baseline::Mlp`]).
 ///
-/// All torques come out of one network, trained on the mean squared error by Adam in batches of 64
-/// samples. The paper names no activation: here it is `tanh`, whose outputs level off away from the
-/// train samples, where rectified units go on in straight lines. Torques are scaled by one factor for
-/// all joints, so that the loss is the square of the error that is reported.
+/// One network outputs all torques. It is trained on the mean squared error by Adam in batches of 64
+/// samples. The activation, which the paper does not name, is `tanh`: its outputs level off away from the
+/// train samples, where rectified units continue in straight lines. Torques are scaled by one factor for
+/// all joints, so that the loss is the square of the reported error.
 ///
-/// Every fifth touch, counted back from the last, is held out of the train samples; of a single
-/// touch every fifth of 20 parts. Training ends after 5000 steps, or 1000 steps without a new least
-/// error there. The network is then trained on all samples, for as many passes as led to that least
-/// error. The same seed gives the same network, whatever the number of threads.
+/// Every fifth touch of the train samples, counted back from the last, is held out; of a single touch,
+/// every fifth of 20 parts. Training ends after 5000 steps, or after 1000 steps without a new minimum of
+/// the held-out error. Then the network is trained on all samples, for the number of passes that led to
+/// that minimum. The same seed gives the same network, whatever the number of threads.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct MlpConfig {
-    /// Units of each hidden layer, 1 to 4096; 1 to 16 layers. `None` (default) is the
-    /// paper's search: two or three layers of 64, 128 or 256, the one with the least held-out error.
+    /// Numbers of units of the hidden layers, 1 to 4096 each; 1 to 16 layers.
+    ///
+    /// `None` (default) searches as in the paper: two or three layers of 64, 128 or 256 units, choosing the
+    /// one with the least held-out error.
     pub hidden: Option<Vec<usize>>,
-    /// Seed of the first weights and of the order of samples, default 0.
+    /// Seed of the initial weights and of the order of samples, default 0.
     pub seed: u64,
 }
 

@@ -4,7 +4,7 @@ use crate::PipelineError;
 use rayon::prelude::*;
 use vsf_vision::{Features, Regressor, Samples, VisionError};
 
-/// A regressor of its own for the torque of every joint.
+/// Predicts the torque of every joint by a regressor of its own.
 pub fn predict<R: Regressor>(
     make: impl Fn() -> Result<R, VisionError> + Sync,
     known: &Known,

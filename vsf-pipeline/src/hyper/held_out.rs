@@ -8,14 +8,14 @@ use std::slice::from_ref;
 use vsf_core::{Belief, CoreError, Observation, Prediction};
 use vsf_filter::{BatchFit, BatchMap, FieldPrior};
 
-/// With more touched points than this, held-out readings are predicted by the online filter.
+/// Number of touched points above which held-out readings are predicted by the online filter.
 pub const LEAVE_ONE_OUT_POINTS: usize = 1500;
 /// Contiguous parts of a touch that are held out where touches have no points in common.
 const QUARTERS: usize = 4;
 
-/// Chooses among `problems`, which are the same samples in several contacts, and for each by
-/// [`super::HyperMethod::HeldOut`] among `shapes`, of which the online filter takes the first. Prior and noise are those of the
-/// chosen contact, whatever it was compared with.
+/// Chooses among `problems`, which are the same samples with several contact models, and for each of them
+/// among `shapes` by [`super::HyperMethod::HeldOut`]. The online filter uses only the first shape. Prior
+/// and noise are those of the chosen contact model, whatever it was compared with.
 pub fn choose(
     mut problems: Vec<Problem>,
     first: &PriorShape,

@@ -2,7 +2,7 @@ use super::{Candidate, HyperChoice, POWERS, PriorShape, Problem};
 use crate::PipelineError;
 use vsf_filter::BatchMap;
 
-/// Chooses by [`super::HyperMethod::Likelihood`].
+/// Chooses prior and noise by [`super::HyperMethod::Likelihood`].
 pub fn choose(problem: &Problem, shapes: &[PriorShape]) -> Result<HyperChoice, PipelineError> {
     let readings = problem.touches.iter().map(|t| t.observations.as_slice());
     let batch = BatchMap::new(problem.rest.len(), readings)?;

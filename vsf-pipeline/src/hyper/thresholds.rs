@@ -1,4 +1,4 @@
-//! Contact thresholds to choose from, where none is given.
+//! Candidates of contact thresholds, where none is given.
 
 use super::held_out::LEAVE_ONE_OUT_POINTS;
 use crate::estimate::touched_points;
@@ -11,13 +11,16 @@ const SHARES: [f64; 2] = [0.25, 0.0625];
 /// Fewer touches tell little of it.
 const FEWEST_TOUCHES: usize = 4;
 
-/// Contact thresholds (m) to compare with that of a scene by [`choose_contact`](crate::choose_contact): a quarter and a
-/// sixteenth of it. A solid cloud bears force from its surface on; points that stand for thin parts with gaps between them
+/// Contact thresholds (m) to compare with that of a scene by [`choose_contact`](crate::choose_contact): a
+/// quarter and a sixteenth of it.
+///
+/// A solid cloud bears force from its surface on. Points that stand for thin parts with gaps between them
 /// need the larger threshold of the scene.
 ///
-/// `traces` are the train sequences in the scene. Empty for fewer than four touches, which tell too little, and for more
-/// than 1500 touched points, which take too long. Thresholds below [`LEAST_THRESHOLD`], below the error of a mesh's distance grid (its
-/// 99 % quantile), or at which a negative [`padding`](vsf_contact::ContactConfig::padding) leaves nothing to touch are left out.
+/// `traces` are the train sequences in the scene. The result is empty for fewer than four touches, which
+/// say too little, and for more than 1500 touched points, which take too long. Thresholds are left out if
+/// they are below [`LEAST_THRESHOLD`] or below the error of a mesh's distance grid (its 99 % quantile), or
+/// if a negative [`padding`](vsf_contact::ContactConfig::padding) leaves nothing to touch.
 ///
 /// # Errors
 /// Traces that [`Trace::check`] refuses for this scene.

@@ -7,52 +7,53 @@ use vsf_core::{
 };
 use vsf_robots::{DynamicsWorkspace, JointTorques, RobotModel};
 
-/// What begins with a sample.
+/// What starts with a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Begins {
-    /// Nothing: the arm moved here from where the last sample was.
+    /// Nothing: the arm moved here from the previous sample.
     Nothing,
-    /// A touch, after motion that was not seen.
+    /// A touch, after motion that was not observed.
     Touch,
-    /// A sequence, whose clock is another one.
+    /// A sequence, which may have another clock.
     Sequence,
 }
 
-/// What a [`Node`](super::Node) learns with: contact, sensors and an estimator. A sample that is refused leaves the belief as it
-/// was. `Box<dyn Learner<Error = E>>` is one as well.
+/// What a [`Node`](super::Node) learns with: contact, sensors and an estimator. A refused sample leaves the
+/// belief unchanged. `Box<dyn Learner<Error = E>>` implements the trait too.
 pub trait Learner: Send {
-    /// What is wrong with a sample.
+    /// Error of a sample.
     type Error: std::error::Error + From<CoreError> + Send + Sync + 'static;
 
-    /// Joints of the robot.
+    /// Number of joints of the robot.
     fn joints(&self) -> usize;
 
-    /// What is taken off the load on each joint (N m or N): its mean over the samples that tared the sequence, less what a
-    /// model has it be there.
+    /// The tare offset of each joint (N m or N), which is subtracted from its load: the mean over the
+    /// samples that tared the sequence, minus what a model predicts there.
     fn zero(&self) -> &[f64];
 
-    /// Takes one of the first samples of a sequence, in free air: from the `last` of them on their mean reading is zero.
+    /// Takes one of the first samples of a sequence, in free air. From the `last` of them on, their mean
+    /// reading counts as zero.
     ///
     /// # Errors
-    /// A sample that the robot cannot have, or that is in contact: the learner then begins to tare anew, with the next sample as
-    /// the first.
+    /// A sample that is impossible for the robot, or that is in contact. The learner then starts taring
+    /// anew, with the next sample as the first.
     fn tare(&mut self, sample: &Sample, begins: Begins, last: bool) -> Result<(), Self::Error>;
 
-    /// Learns from a sample; `None` where nothing is learned from it, since it is of a touch whose beginning was not seen
+    /// Learns from a sample. `None` if nothing was learned, because the beginning of the touch was not seen
     /// ([`Guard`]).
     ///
     /// # Errors
-    /// A sample that the robot cannot have, what contact or estimator cannot take.
+    /// A sample that is impossible for the robot, or that contact or estimator cannot take.
     fn learn(
         &mut self,
         sample: &Sample,
         begins: Begins,
     ) -> Result<Option<UpdateReport>, Self::Error>;
 
-    /// Points that are touched now.
+    /// Points that are in contact now.
     fn touching(&self) -> &[u32];
 
-    /// Mean and variance of the stiffness of a point (N/m and its square).
+    /// Mean (N/m) and variance (N²/m²) of the stiffness of a point.
     fn stiffness(&self, point: usize) -> [f64; 2];
 
     /// The whole field.
@@ -61,7 +62,7 @@ pub trait Learner: Send {
     /// As [`Estimator::field`].
     fn field(&self) -> Result<Belief<f64>, CoreError>;
 
-    /// Rest points.
+    /// Number of rest points.
     fn points(&self) -> usize;
 }
 
@@ -100,8 +101,8 @@ impl<L: Learner + ?Sized> Learner for Box<L> {
     }
 }
 
-/// A session that takes samples: of the nominal model, with any estimator, such as
-/// [`FilterSpec::build`](crate::FilterSpec::build) makes.
+/// A session that takes samples of the nominal model, with any estimator, such as those of
+/// [`FilterSpec::build`](crate::FilterSpec::build).
 #[derive(Debug)]
 pub struct LiveSession<E: Estimator> {
     robot: Arc<RobotModel>,
@@ -117,12 +118,14 @@ pub struct LiveSession<E: Estimator> {
 }
 
 impl<E: Estimator> LiveSession<E> {
-    /// A session of the joint torques of a robot. Samples have the torques of the environment on the robot; or, with `gravity`, the
-    /// acceleration of free fall in the world frame (m/s²), those at the actuators: of what the arm itself needs to move
-    /// ([`Motion`]) they are then taken off.
+    /// Wraps a session of the joint torques of a robot.
+    ///
+    /// Without `gravity`, samples have the torques of the environment on the robot. With `gravity`, the
+    /// acceleration of free fall in the world frame (m/s²), they have the torques at the actuators. These
+    /// are then subtracted from the torques that the arm itself needs to move ([`Motion`]).
     ///
     /// # Errors
-    /// A session of another robot, a gravity that it cannot have.
+    /// A session of another robot, or an impossible gravity.
     pub fn new(
         robot: impl Into<Arc<RobotModel>>,
         session: Session<SceneContact, JointTorques, E>,
@@ -158,7 +161,7 @@ impl<E: Estimator> LiveSession<E> {
         &mut self.session
     }
 
-    /// Takes the session out.
+    /// Returns the session.
     pub fn into_session(self) -> Session<SceneContact, JointTorques, E> {
         self.session
     }
@@ -268,8 +271,10 @@ impl<E: Estimator> Learner for LiveSession<E> {
     }
 }
 
-/// Looks out for touches whose beginning was not seen, as where samples are missing or a stream begins in contact: with the arm inside
-/// of the object, how points got to where they are is not known. Nothing is to be learned until it has been in free air.
+/// Detects touches whose beginning was not seen, as when samples are missing or a stream begins in contact.
+///
+/// If the arm is already inside of the object, it is unknown how the points got to where they are. Then
+/// nothing may be learned until the arm has been in free air.
 #[derive(Debug, Clone)]
 pub struct Guard {
     /// How far each link may displace points where a touch begins (m).
@@ -279,8 +284,8 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// At the beginning of a stream. Where a touch begins, links displace what they move at most so far (m):
-    /// [`SceneContact::deepest_starts`].
+    /// Creates a guard for the beginning of a stream. `most` is the largest displacement (m) by each link
+    /// where a touch begins: [`SceneContact::deepest_starts`].
     pub fn new(most: Vec<f64>) -> Self {
         Self {
             most,
@@ -289,12 +294,13 @@ impl Guard {
         }
     }
 
-    /// Told what begins with the next sample.
+    /// Notes what begins with the next sample.
     pub fn begin(&mut self, begins: Begins) {
         self.begins |= begins != Begins::Nothing;
     }
 
-    /// Whether a touch begins, or its beginning was not seen: contacts are to be looked at before anything is learned.
+    /// Whether a touch begins, or its beginning was not seen. Contacts must then be checked before anything
+    /// is learned.
     pub fn is_alert(&self) -> bool {
         self.begins || self.blind
     }
@@ -304,7 +310,7 @@ impl Guard {
         self.begins
     }
 
-    /// Whether nothing is to be learned from a sample that moved this ([`SceneContact::moved`]).
+    /// Whether a sample that moved these points ([`SceneContact::moved`]) must not be learned from.
     pub fn skips(&mut self, moved: &Contacts) -> bool {
         if std::mem::take(&mut self.begins) {
             self.blind = deepest_start(moved, &self.most).is_some();
@@ -325,10 +331,10 @@ pub(crate) fn deepest_start(moved: &Contacts, most: &[f64]) -> Option<(usize, f6
     found.max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Refuses a tare sample that touches so many points.
+/// Checks that a tare sample touches no point.
 ///
 /// # Errors
-/// If these are any.
+/// If `touching`, the number of touched points, is not 0.
 pub fn check_free(touching: usize) -> Result<(), CoreError> {
     if touching == 0 {
         return Ok(());

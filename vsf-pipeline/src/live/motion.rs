@@ -10,8 +10,11 @@ const LEAST_SAMPLES: usize = 5;
 /// After a longer time (s) in which a touch begins nothing is known of the motion.
 const MOST_GAP: f64 = 0.1;
 
-/// How the joints of a stream move. Velocities that its samples do not have, and accelerations, are slopes of the last 0.025 s, of
-/// five samples at least, and zero until there are so many: velocities lag by half of that, accelerations behind these by as much.
+/// Positions, velocities and accelerations of the joints of a stream.
+///
+/// Accelerations, and velocities that samples do not have, are slopes over the last 0.025 s and at least
+/// five samples; they are zero until there are that many. Velocities lag by half of this window,
+/// accelerations behind the velocities by as much.
 #[derive(Debug, Clone)]
 pub struct Motion {
     robot: Arc<RobotModel>,
@@ -25,7 +28,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Of a robot that nothing is known of yet.
+    /// Creates the state of a robot before the first sample.
     pub fn new(robot: Arc<RobotModel>) -> Self {
         let zeros = vec![0.0; robot.joint_count()];
         Self {
@@ -39,10 +42,11 @@ impl Motion {
         }
     }
 
-    /// Goes on to a sample, or begins there.
+    /// Continues with a sample, or starts anew there.
     ///
     /// # Errors
-    /// Times, positions or velocities that are not finite, or not one per joint; nothing has changed then.
+    /// Times, positions or velocities that are not finite, or not one per joint. The state is then
+    /// unchanged.
     pub fn follow(&mut self, sample: &Sample, begins: Begins) -> Result<(), CoreError> {
         CoreError::check_finite("time", &[sample.t])?;
         let rows = [Some(&sample.q), sample.qd.as_ref()];

@@ -6,26 +6,32 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vsf_core::{CoreError, FilterHealth, median_of};
 
-/// How a node takes a stream that is not perfect.
+/// How a node handles imperfections of a stream.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Rate of the samples \[Hz\], by which missing ones are counted; by default that of the last 101 within a touch, in the median.
+    /// Rate of the samples \[Hz\], used to count missing ones. Default: from the median of the last 101
+    /// steps within a touch.
     pub rate_hz: Option<f64>,
-    /// Summaries a second; default 10.
+    /// Summaries per second; default 10.
     pub publish_hz: f64,
-    /// After a longer gap contacts are forgotten \[s\], since the path in between is not known, and nothing is learned from a touch
-    /// that has begun meanwhile; default 0.1. A single missing sample is no gap, however slow the stream.
+    /// Longest gap between samples that is bridged \[s\]; default 0.1.
+    ///
+    /// After a longer one contacts are forgotten, since the path in between is unknown, and nothing is
+    /// learned from a touch that has begun meanwhile. A single missing sample is not a gap, however slow
+    /// the stream.
     pub max_gap: f64,
-    /// A sample this much older than the last is of a clock that was set anew, not late \[s\];
-    /// default 1.
+    /// Age at which an older sample counts as coming from a clock that was reset, not as late \[s\];
+    /// default 1. The age is relative to the last sample.
     pub restart: f64,
-    /// Most samples that wait; default 64.
+    /// Largest number of samples that wait; default 64.
     pub queue: usize,
-    /// What becomes of more.
+    /// What happens to samples when the queue is full.
     pub when_full: WhenFull,
-    /// For so long from the first sample on more of them wait, too: those that came before the node began \[s\]; default 2.
+    /// Time from the first sample during which more samples may wait, those from before the node began
+    /// \[s\]; default 2.
     pub patience: f64,
-    /// So many samples at the beginning of each sequence, in free air, whose mean reading is zero; default 0.
+    /// Number of samples at the beginning of each sequence, in free air, whose mean reading counts as zero;
+    /// default 0.
     pub tare: u64,
 }
 
@@ -44,33 +50,36 @@ impl Default for Options {
     }
 }
 
-/// What became of the samples. In the end `received = refused + dropped + repeated + late + stray + tared + skipped + used`; the first
+/// Counts of what happened to the samples.
+///
+/// At the end `received = refused + dropped + repeated + late + stray + tared + skipped + used`. The first
 /// three are counted by [`run`](super::run) alone.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Lines.
+    /// Lines received.
     pub received: u64,
-    /// Lines that were no samples, or that the session refused.
+    /// Lines that were not samples, or samples that the session refused.
     pub refused: u64,
-    /// Samples that the estimation was too slow for.
+    /// Samples dropped because the estimation was too slow.
     pub dropped: u64,
-    /// Samples with the time of the one before.
+    /// Samples with the same time as the one before.
     pub repeated: u64,
-    /// Samples older than the one before, or of a sequence before it.
+    /// Samples older than the one before, or of an earlier sequence.
     pub late: u64,
-    /// Samples far from those before in time that the next ones did not follow, and the first of those that they did.
+    /// Samples whose time is far from those before, if the next samples did not confirm it; also the first
+    /// of those that were confirmed.
     pub stray: u64,
-    /// Samples that were taken to tare the sensors, those before one in contact, with which that began anew, included.
+    /// Samples used to tare the sensors, including those in vain: a sample in contact starts taring anew.
     pub tared: u64,
-    /// Samples of touches whose beginning was not seen, of which nothing is learned.
+    /// Samples of touches whose beginning was not seen, from which nothing is learned.
     pub skipped: u64,
-    /// Samples that the belief has in it.
+    /// Samples that entered the belief.
     pub used: u64,
-    /// Samples that should have come between those of a touch that were used, dropped ones included.
+    /// Samples missing between those of a touch that were used, including dropped ones.
     pub missing: u64,
     /// Gaps within a touch after which contacts were forgotten.
     pub gaps: u64,
-    /// Times that the clock went back within a sequence.
+    /// How often the clock went back within a sequence.
     pub restarts: u64,
 }
 
@@ -82,35 +91,36 @@ pub struct Stiffness {
     pub mean: f64,
     /// Mean of their standard deviations.
     pub sd: f64,
-    /// The stiffest.
+    /// Stiffness of the stiffest point.
     pub max: f64,
 }
 
-/// What a node says of its belief.
+/// Summary of a node's belief and samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Summary {
     /// Time of the last sample \[s\].
     pub t: f64,
-    /// Points touched now.
+    /// Number of points touched now.
     pub contacts: usize,
-    /// Points touched so far.
+    /// Number of points touched so far.
     pub touched: usize,
     /// Their stiffness.
     pub stiffness: Stiffness,
-    /// Root mean square of the norm of the residuals since the last summary, before their update
-    /// \[N m\]; `None` where nothing was learned since.
+    /// Root mean square norm of the residuals before their update, since the last summary \[N m\]; `None`
+    /// if nothing was learned since.
     pub residual: Option<f64>,
-    /// Squared innovations over expected ones since the start, of samples in contact; see the guide on filter health.
+    /// Ratio of squared to expected innovations over all samples in contact since the start; see the guide
+    /// on filter health.
     pub nis_ratio: Option<f64>,
     /// Longest step since the last summary \[ms\].
     pub slowest_ms: f64,
-    /// What became of the samples.
+    /// Counts of what happened to the samples.
     #[serde(flatten)]
     pub counts: Counts,
 }
 
-/// A stream that something learns from, however late, broken or repeated its samples are.
+/// Learns from a stream, however late, broken or repeated its samples are.
 #[derive(Debug)]
 pub struct Node<L> {
     learner: L,
@@ -191,11 +201,12 @@ struct Since {
 }
 
 impl<L: Learner> Node<L> {
-    /// A node that nothing has come to yet; `touched` are the points that the learner knows from before, or empty.
+    /// Creates a node before its first sample. `touched` flags the points that the learner knows from
+    /// before; empty means none.
     ///
     /// # Errors
-    /// `touched` of another number of points than the learner's, rates, a gap or a restart that are not positive, a patience that is
-    /// negative or of more than a day.
+    /// A number of `touched` flags other than the learner's number of points, rates, a gap or a restart
+    /// that are not positive, or a patience that is negative or of more than a day.
     pub fn new(learner: L, mut touched: Vec<bool>, options: Options) -> Result<Self, CoreError> {
         if touched.is_empty() {
             touched.resize(learner.points(), false);
@@ -246,45 +257,45 @@ impl<L: Learner> Node<L> {
         })
     }
 
-    /// The node with statistics that go on from others, such as those before a restart.
+    /// Returns the node with statistics that continue earlier ones, such as those before a restart.
     #[must_use]
     pub fn with_health(self, health: FilterHealth) -> Self {
         Self { health, ..self }
     }
 
-    /// A new queue for its samples, for one [`run`](super::run).
+    /// Creates a new queue for its samples, for one [`run`](super::run).
     pub fn new_queue(&self) -> Arc<Queue<Numbered>> {
         let patience = Duration::from_secs_f64(self.options.patience);
         let queue = Queue::new(self.options.queue, self.options.when_full);
         Arc::new(queue.with_patience(patience))
     }
 
-    /// How it takes the stream.
+    /// The options.
     pub fn options(&self) -> &Options {
         &self.options
     }
 
-    /// What learns.
+    /// The learner.
     pub fn learner(&self) -> &L {
         &self.learner
     }
 
-    /// What learns, to change what it knows of the world.
+    /// The learner, to change what it knows of the world.
     pub fn learner_mut(&mut self) -> &mut L {
         &mut self.learner
     }
 
-    /// What has learned.
+    /// Returns the learner.
     pub fn into_learner(self) -> L {
         self.learner
     }
 
-    /// Statistics of its updates in contact.
+    /// Innovation statistics of the updates in contact.
     pub fn health(&self) -> &FilterHealth {
         &self.health
     }
 
-    /// What is known of the field.
+    /// The present estimate of the field.
     ///
     /// # Errors
     /// As [`Learner::field`].
@@ -301,12 +312,12 @@ impl<L: Learner> Node<L> {
         &self.touched
     }
 
-    /// What became of the samples so far.
+    /// Counts of what happened to the samples so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// Takes in a sample, unless it is late, repeated or stray, which is counted.
+    /// Takes in a sample. A late, repeated or stray sample is only counted.
     ///
     /// # Errors
     /// A sample that is not finite or that the [`Learner`] refuses; the belief is unchanged.
@@ -475,7 +486,7 @@ impl<L: Learner> Node<L> {
         self.is_due
     }
 
-    /// What is known now; begins the next period.
+    /// Returns a summary of the present state, and starts the next period.
     pub fn summary(&mut self) -> Summary {
         self.is_due = false;
         let since = std::mem::take(&mut self.since);

@@ -2,16 +2,16 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What a full queue does with one more.
+/// What a full queue does with another item.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WhenFull {
-    /// Drops its oldest and counts it: on a robot the newest sample says most.
+    /// Drops its oldest item and counts it: on a robot the newest sample says most.
     DropOldest,
-    /// Waits until there is room, which holds the sender of a pipe back: for recordings.
+    /// Waits until there is room, which blocks the sender of a pipe: for recordings.
     Wait,
 }
 
-/// A queue between two threads that holds no more than it was made for.
+/// A bounded queue between two threads.
 #[derive(Debug)]
 pub struct Queue<T> {
     state: Mutex<State<T>>,
@@ -34,7 +34,7 @@ struct State<T> {
 const RESERVED: usize = 1 << 16;
 
 impl<T> Queue<T> {
-    /// A queue of at most `capacity` items, at least one.
+    /// Creates a queue of at most `capacity` items (at least one).
     pub fn new(capacity: usize, when_full: WhenFull) -> Self {
         let capacity = capacity.max(1);
         let state = State {
@@ -52,14 +52,14 @@ impl<T> Queue<T> {
         }
     }
 
-    /// The queue, which waits in any case for so long from its first item on: what has piled up before anyone took items is not
-    /// dropped.
+    /// Makes the queue wait instead of drop during the time `patience` from its first item on. Items that
+    /// piled up before anyone took them are thus not dropped.
     #[must_use]
     pub fn with_patience(self, patience: Duration) -> Self {
         Self { patience, ..self }
     }
 
-    /// Adds an item; false, and nothing added, once the queue is closed.
+    /// Adds an item. Returns false, and adds nothing, once the queue is closed.
     pub fn push(&self, item: T) -> bool {
         self.push_with(item, || ())
     }
@@ -92,7 +92,7 @@ impl<T> Queue<T> {
         true
     }
 
-    /// The oldest item; waits for one. `None` once the queue is closed and empty.
+    /// Takes the oldest item, waiting for one if necessary. `None` once the queue is closed and empty.
     pub fn pop(&self) -> Option<T> {
         let mut state = self.lock();
         while state.items.is_empty() && !state.closed {
@@ -103,18 +103,18 @@ impl<T> Queue<T> {
         item
     }
 
-    /// No more items: those that are there can still be taken out.
+    /// Closes the queue: no items can be added, but those present can still be taken.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    /// Whether it is closed.
+    /// Whether the queue is closed.
     pub fn is_closed(&self) -> bool {
         self.lock().closed
     }
 
-    /// How many were dropped.
+    /// Number of items dropped.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }

@@ -7,7 +7,7 @@ const EXCERPT: usize = 20;
 /// Latest time that is taken (s): stamps in milliseconds or less since 1970 are later.
 const LATEST: f64 = 1e11;
 
-/// One sample of the stream.
+/// One sample of a stream.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sample {
@@ -15,27 +15,29 @@ pub struct Sample {
     pub t: f64,
     /// Joint positions \[rad or m\].
     pub q: Vec<f64>,
-    /// Joint torques \[N m or N\], of the environment on the robot or at the actuators, as the [`Learner`](super::Learner) takes
-    /// them.
+    /// Joint torques \[N m or N\]: of the environment on the robot, or at the actuators, whichever the
+    /// [`Learner`](super::Learner) expects.
     pub tau: Vec<f64>,
-    /// Joint velocities \[rad/s or m/s\]; a [`Learner`](super::Learner) that goes by them estimates those that are not given.
+    /// Joint velocities \[rad/s or m/s\]. If they are not given, a [`Learner`](super::Learner) that uses
+    /// velocities estimates them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub qd: Option<Vec<f64>>,
-    /// Number of the touch, 0 if not given: where it changes contacts are forgotten. A mark on the
-    /// first sample of a touch alone could be lost with it.
+    /// Number of the touch, 0 if not given. Contacts are forgotten where it changes. (A mark on the first
+    /// sample of a touch alone could be lost with it.)
     #[serde(default)]
     pub touch: u64,
-    /// Number of the sequence, 0 if not given: where it grows the clock may be another one, and sensors are tared anew.
+    /// Number of the sequence, 0 if not given. Where it increases, the clock may be another one, and
+    /// sensors are tared anew.
     #[serde(default)]
     pub sequence: u64,
 }
 
 impl Sample {
-    /// Reads a line.
+    /// Parses a line.
     ///
     /// # Errors
-    /// In words: what is no JSON, a key that is missing, unknown or there twice, another number of
-    /// joints, a number that is not finite or beyond any robot.
+    /// A description of the problem: invalid JSON, a key that is missing, unknown or repeated, another
+    /// number of joints, or a number that is not finite or beyond any robot.
     pub fn parse(line: &[u8], joints: usize) -> Result<Self, String> {
         if line.trim_ascii_start().first() != Some(&b'{') {
             return Err(

@@ -2,28 +2,28 @@ use std::io::{self, BufRead, ErrorKind, Read};
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-/// Longest line that is taken \[bytes\].
+/// Longest line that is accepted \[bytes\].
 pub const MAX_LINE: usize = 64 * 1024;
 
-/// What a [`Source`] has next.
+/// What a [`Source`] received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
-    /// A line, without its end.
+    /// A line, without its line end.
     Line,
-    /// A line longer than [`MAX_LINE`], which was left out.
+    /// A line longer than [`MAX_LINE`], which was skipped.
     TooLong,
-    /// Nothing yet: the source gives whoever wants to end it the chance to.
+    /// Nothing yet. Returned so that the caller can end the stream.
     Nothing,
-    /// Nothing more.
+    /// The end of the stream.
     End,
 }
 
-/// Where lines come from.
+/// A source of lines.
 pub trait Source {
     /// Waits for the next line and writes it to `line`.
     ///
     /// # Errors
-    /// What cannot be read.
+    /// An input that cannot be read.
     fn receive(&mut self, line: &mut Vec<u8>) -> io::Result<Received>;
 }
 
@@ -53,7 +53,7 @@ impl<R: BufRead> Source for Lines<R> {
     }
 }
 
-/// Datagrams, one line each. An empty one ends the stream.
+/// Datagrams with one line each. An empty datagram ends the stream.
 #[derive(Debug)]
 pub struct Datagrams {
     socket: UdpSocket,
@@ -66,10 +66,10 @@ impl Datagrams {
     /// So long a read waits.
     const POLL: Duration = Duration::from_millis(100);
 
-    /// The datagrams of a socket; a silence of `idle` ends the stream, too.
+    /// Receives the datagrams of a socket. A silence of `idle` ends the stream, too.
     ///
     /// # Errors
-    /// A socket whose reads cannot be limited in time.
+    /// A socket that does not allow a read timeout.
     pub fn new(socket: UdpSocket, idle: Option<Duration>) -> io::Result<Self> {
         socket.set_read_timeout(Some(Self::POLL))?;
         Ok(Self {

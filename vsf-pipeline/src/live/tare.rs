@@ -1,4 +1,4 @@
-/// What readings of a stream are taken as zero: their mean over the samples since their sequence began.
+/// Tares the readings of a stream: their mean over the first samples of a sequence counts as zero.
 #[derive(Debug, Clone)]
 pub struct Tare {
     sum: Vec<f64>,
@@ -7,7 +7,7 @@ pub struct Tare {
 }
 
 impl Tare {
-    /// Of so many joints, at the beginning of a sequence: zero is zero.
+    /// Creates the state at the beginning of a sequence of `joints` joints, with a zero of 0.
     pub fn new(joints: usize) -> Self {
         Self {
             sum: vec![0.0; joints],
@@ -16,37 +16,37 @@ impl Tare {
         }
     }
 
-    /// A sequence begins.
+    /// Starts a sequence.
     pub fn begin(&mut self) {
         self.sum.fill(0.0);
         self.samples = 0;
         self.zero.fill(0.0);
     }
 
-    /// Adds a reading, of each joint one number.
+    /// Adds a reading, one number per joint.
     pub fn add(&mut self, reading: &[f64]) {
         self.sum.iter_mut().zip(reading).for_each(|(s, x)| *s += x);
         self.samples += 1;
     }
 
-    /// From here on the mean of what was added is zero.
+    /// Makes the mean of the added readings the zero from here on.
     pub fn take(&mut self) {
         let each = 1.0 / self.samples.max(1) as f64;
         let means = self.sum.iter().map(|s| each * s);
         self.zero.iter_mut().zip(means).for_each(|(z, m)| *z = m);
     }
 
-    /// Readings added since the sequence began.
+    /// Number of readings added since the sequence began.
     pub fn samples(&self) -> usize {
         self.samples
     }
 
-    /// What is zero.
+    /// The present zero.
     pub fn zero(&self) -> &[f64] {
         &self.zero
     }
 
-    /// Takes zero off a reading.
+    /// Subtracts the zero from a reading.
     pub fn apply(&self, reading: &mut [f64]) {
         let pairs = reading.iter_mut().zip(&self.zero);
         pairs.for_each(|(tau, zero)| *tau -= zero);

@@ -9,30 +9,30 @@ use serde::Serialize;
 use vsf_data::Sequence;
 use vsf_vision::RgbdView;
 
-/// What predicts torques in Tables III to V.
+/// Methods of torque prediction in Tables III to V.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// The stiffness field, with untouched points guessed from what the camera sees. Where no touched
-    /// point is seen it is the field of touch alone.
+    /// The stiffness field with untouched points predicted from the camera image. If no touched point is
+    /// seen, it is the field of touch alone.
     Vision,
     /// The stiffness field of touch alone: the constrained optimum over the train samples.
     Blind,
-    /// The same by the online filter, the diagonal Kalman filter with memory replay, with the prior and noise that are
-    /// chosen for it.
+    /// The stiffness field of touch alone by the online filter: the diagonal Kalman filter with memory
+    /// replay, with prior and noise chosen for it.
     BlindOnline,
-    /// Multilayer perceptron of two layers of 128 units, as the paper's.
+    /// Multilayer perceptron with two layers of 128 units, as in the paper.
     Mlp,
     /// Gaussian process.
     Gp,
     /// Regression on the 50 nearest samples.
     Knn,
-    /// No torque at all.
+    /// Zero torque.
     Zero,
 }
 
 impl Method {
-    /// All of them, in the order of the paper's tables.
+    /// All methods, in the order of the paper's tables.
     pub const ALL: [Self; 7] = [
         Self::Vision,
         Self::Blind,
@@ -43,7 +43,7 @@ impl Method {
         Self::Zero,
     ];
 
-    /// Name in tables.
+    /// Name of the method in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Vision => "VSF with vision",
@@ -68,7 +68,7 @@ pub struct MethodErrors {
     pub evaluation: Evaluation,
 }
 
-/// Errors after a number of train sequences: a place of Fig. 7.
+/// Errors after a given number of train sequences: a position of Fig. 7.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrainedOn {
     /// Number of train sequences.
@@ -84,19 +84,20 @@ struct Fold {
 }
 
 impl Experiment<'_> {
-    /// Whether each sequence is the test sequence in turn. That is so where the recording's test
-    /// split is a single one, as in the paper's PARTIAL and NO datasets: one touch says little of a
-    /// method.
+    /// Whether each sequence is the test sequence in turn.
+    ///
+    /// This is so if the recording's test split has a single sequence, as in the PARTIAL and NO datasets of
+    /// the paper: one touch says little of a method.
     pub fn leave_one_out(&self) -> bool {
         self.test.len() == 1
     }
 
-    /// Number of train sequences of a prediction.
+    /// Number of train sequences for each prediction.
     pub fn train_len(&self) -> usize {
         self.train.len()
     }
 
-    /// Number of test sequences, over which errors are taken.
+    /// Number of test sequences over which errors are averaged.
     pub fn test_len(&self) -> usize {
         self.folds(self.train.len())
             .iter()
@@ -104,7 +105,7 @@ impl Experiment<'_> {
             .sum()
     }
 
-    /// Numbers of train sequences of [`Experiment::curve`]: 1, 2, 3, 5, 8 and so on, and all.
+    /// The numbers of train sequences in [`Experiment::curve`]: 1, 2, 3, 5, 8 and so on, and all.
     pub fn curve_lens(&self) -> Vec<usize> {
         let all = self.train.len();
         let mut lens: Vec<usize> = std::iter::successors(Some((1, 2)), |&(a, b)| Some((b, a + b)))
@@ -115,17 +116,17 @@ impl Experiment<'_> {
         lens
     }
 
-    /// The errors of all methods (Tables III to V), those of [`Method::Vision`] where `vision` is given and
+    /// Errors of all methods (Tables III to V). [`Method::Vision`] is included if `vision` is given and
     /// there is a camera. Prior and noise are chosen from the train sequences of each prediction.
     ///
     /// # Errors
-    /// Train sequences that touch nothing; failures of a method.
+    /// Train sequences that touch nothing, or failures of a method.
     pub fn errors(&self, vision: Option<&VisionSpec>) -> Result<Vec<MethodErrors>, PipelineError> {
         self.errors_after(self.train.len(), vision)
     }
 
-    /// The same after the first `train_len` train sequences, or where
-    /// [one is left out](Self::leave_one_out) in turn, after those that follow it.
+    /// Like [`errors`](Self::errors), but learned from the first `train_len` train sequences only. If
+    /// [one sequence is left out](Self::leave_one_out) in turn, from the `train_len` sequences that follow it.
     ///
     /// # Errors
     /// As [`Experiment::errors`].
@@ -164,8 +165,8 @@ impl Experiment<'_> {
             .collect()
     }
 
-    /// Errors against the number of train sequences (Fig. 7), one entry per number of
-    /// [`Experiment::curve_lens`]. `done` is called after each.
+    /// Errors against the number of train sequences (Fig. 7), one entry per number in
+    /// [`Experiment::curve_lens`]. `done` is called after each entry.
     ///
     /// # Errors
     /// As [`Experiment::errors`].

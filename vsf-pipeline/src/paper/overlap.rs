@@ -7,15 +7,17 @@ use vsf_core::median;
 /// Least share of contacts on common points of touches that overlap.
 const OVERLAP: f64 = 0.25;
 
-/// Where the touches of an experiment lie: the three datasets of section IV-B, told from the contacts
-/// alone. A *share* is that of a sequence's contacts, summed over its samples, on points that other
-/// sequences touch. Sequences that touch nothing have no part in it.
+/// Overlap of the touched places of an experiment: the three datasets of section IV-B, classified by
+/// contacts alone.
+///
+/// The *share* of a sequence is the fraction of its contacts, summed over its samples, on points that other
+/// sequences touch. Sequences that touch nothing are ignored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Overlap {
     /// One place: every sequence shares at least 0.25 with every other one.
     Full,
-    /// Similar places: neither of the others.
+    /// Similar places: neither of the other two.
     Partial,
     /// Separate places: the median sequence shares less than 0.25 with all others together.
     No,
@@ -31,18 +33,18 @@ impl fmt::Display for Overlap {
     }
 }
 
-/// What [`Overlap`] is told from.
+/// The shares that determine [`Overlap`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct OverlapShares {
     /// Least share of a sequence with another one.
     pub least_pair: f64,
-    /// Median share of a sequence with all others.
+    /// Median over sequences of the share with all others together.
     pub with_all: f64,
 }
 
 impl OverlapShares {
-    /// Shares of the sequences of an experiment.
+    /// Computes the shares of an experiment.
     pub fn of(experiment: &Experiment) -> Self {
         Self::between(experiment.traces(), experiment.scene().rest().len())
     }
@@ -67,7 +69,7 @@ impl OverlapShares {
         }
     }
 
-    /// The dataset of the paper that these shares belong to.
+    /// The dataset of the paper that matches these shares.
     pub fn overlap(&self) -> Overlap {
         if self.least_pair >= OVERLAP {
             Overlap::Full

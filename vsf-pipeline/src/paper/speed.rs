@@ -7,21 +7,22 @@ use vsf_data::Sequence;
 use vsf_filter::{DiagonalKalman, MemoryReplay, ReplayConfig};
 use vsf_robots::JointTorques;
 
-/// How fast the online estimation goes on the train sequences (a row of Table II): kinematics,
-/// contact, columns and update with 20 replays, in `f32`, on one thread.
+/// Speed of the online estimation on the train sequences (a row of Table II): kinematics, contact, columns
+/// and update with 20 replays, in `f32`, on one thread.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct UpdateSpeed {
-    /// Contacts, over the samples in contact.
+    /// Number of contacts, over the samples in contact.
     pub contacts: Spread,
-    /// Updates a second: samples in contact of a sequence per time they take, over the sequences with contact.
+    /// Updates per second, over the sequences with contact: the number of samples in contact of a sequence
+    /// divided by the time they take.
     pub rate_hz: Spread,
 }
 
 /// Times the online estimation on the train sequences of an experiment.
 ///
 /// # Errors
-/// Train sequences that touch nothing; rows that robot, contact or filter cannot take.
+/// Train sequences that touch nothing, or rows that robot, contact or filter cannot take.
 pub fn update_speed(experiment: &Experiment) -> Result<UpdateSpeed, PipelineError> {
     let scene = experiment.scene();
     // Their values make no difference to the time.

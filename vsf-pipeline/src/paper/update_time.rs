@@ -11,17 +11,17 @@ const STEPS: usize = 150;
 /// Number of groups of updates with similarly many contacts.
 const GROUPS: usize = 12;
 
-/// Time of an update against its number of contacts, of one estimator (a curve of Fig. 4).
+/// Time of one estimator's update against the number of contacts (a curve of Fig. 4).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct UpdateTimes {
     /// What is timed: `contact`, or an estimator.
     pub stage: &'static str,
-    /// By number of contacts.
+    /// Times, by number of contacts.
     pub times: Vec<UpdateTime>,
 }
 
-/// Updates with similarly many contacts.
+/// Times of updates with a similar number of contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct UpdateTime {
@@ -35,10 +35,12 @@ pub struct UpdateTime {
     pub high_ms: f64,
 }
 
-/// Times the update of the diagonal filter, with and without 20 replays, of the dual one, and of the
-/// dense (exact) one, in `f32`, while a Kinova Gen3 pushes 16 cm into a cube of 97,336 points; and the contact model
-/// of these steps. The dense filter may use the threads of the rayon pool, the others take one. It
-/// needs no recording: plants have too few contacts to tell.
+/// Times the updates of several filters and the contact model while a Kinova Gen3 pushes 16 cm into a cube
+/// of 97,336 points.
+///
+/// The filters are the diagonal one, with and without 20 replays, the dual one, and the dense (exact) one,
+/// in `f32`. The dense filter may use the threads of the rayon pool, the others use one. It needs no
+/// recording: those of plants have too few contacts.
 ///
 /// # Errors
 /// None with the built-in robot.

@@ -6,8 +6,8 @@ use vsf_data::{Sequence, Table, TorqueKind};
 /// Joints whose weight changes by less than this share of what it changes by at another joint say nothing.
 const LEAST_WEIGHT: f64 = 0.05;
 
-/// The first actuator that reads one value for a while, though what it has to give to hold and move the arm changes.
-/// `rigid` are the torques of the arm alone, sequence by sequence.
+/// Reports the first actuator whose reading stays at one value for a while, although the torque needed to
+/// hold and move the arm changes. `rigid` are the rigid-body torques of the arm, sequence by sequence.
 pub fn warning(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Option<PipelineWarning> {
     if scene.torque_kind() != TorqueKind::Measured {
         return None;

@@ -1,4 +1,4 @@
-//! What is read where nothing is touched, beside what is read in contact.
+//! Compares readings where nothing is touched with readings in contact.
 
 use super::{PipelineWarning, energy};
 use crate::{Scene, Trace};
@@ -6,10 +6,10 @@ use vsf_core::Observation;
 
 /// Readings in the air that are on average more than this share of those in contact are no noise.
 const MOST_OFFSET: f64 = 0.3;
-/// Samples in the air that tell.
+/// Least number of samples in the air from which a conclusion is drawn.
 pub const LEAST_FREE: usize = 16;
 
-/// Readings that are something where nothing is touched.
+/// Reports readings that are not zero on average where nothing is touched.
 pub fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let observations = || traces.iter().flat_map(|t| &t.observations);
     let free = || observations().filter(|o| o.is_empty());
@@ -40,7 +40,8 @@ pub fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     })
 }
 
-/// Readings that last where nothing is touched, but change their sign, so that their mean tells nothing.
+/// Reports readings that persist where nothing is touched but change their sign, so that their mean shows
+/// nothing.
 pub fn felt_in_air(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let joints = scene.robot().joints();
     let (mut touch, mut touches) = (0.0, 0_usize);

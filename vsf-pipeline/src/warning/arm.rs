@@ -1,4 +1,4 @@
-//! The arm that readings ask for, and that they are read with: its mass, and what its joints can bear.
+//! Checks the arm against its readings: its mass, and what its joints can bear.
 
 use super::{PipelineWarning, Rows, outliers};
 use crate::{Scene, reading_unit};
@@ -8,7 +8,7 @@ use vsf_robots::{Joint, Link};
 /// Readings above so many times what the joint can bear are of another unit.
 const MOST_EFFORT: f64 = 10.0;
 
-/// What looks wrong with the arm. `rigid` are the torques of it alone, sequence by sequence.
+/// Reports what looks wrong with the arm. `rigid` are its rigid-body torques, sequence by sequence.
 pub fn warnings(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec<PipelineWarning> {
     let mut found = beyond_effort(scene, sequences, rigid);
     if scene.torque_kind() == TorqueKind::Measured {
@@ -51,7 +51,8 @@ fn beyond_effort(scene: &Scene, sequences: &[&Sequence], rigid: &[Table]) -> Vec
     joints.filter_map(of_joint).collect()
 }
 
-/// Bodies without mass, where their weight is needed; frames have no shape. Of an arm without any shapes, all where none has a mass.
+/// Bodies without mass, where their weight is needed; frames have no shape. Of an arm without any shapes, all bodies if
+/// none has a mass.
 fn weightless(scene: &Scene) -> Option<PipelineWarning> {
     let robot = scene.robot();
     let colliders = robot.colliders();

@@ -14,7 +14,7 @@ const LEAST_WAY: f64 = 1e-3;
 /// Times a joint's velocity limit that no joint moves at on average.
 const MOST_SPEED: f64 = 3.0;
 
-/// What a step between samples looks like that should be in seconds.
+/// The unit that a step between samples, which should be in seconds, seems to have.
 pub fn unit(step: f64) -> &'static str {
     match step {
         step if step < 1e3 => "milliseconds",
@@ -23,7 +23,7 @@ pub fn unit(step: f64) -> &'static str {
     }
 }
 
-/// Time that goes on far too fast.
+/// Reports time stamps that advance far too fast.
 pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let slow = |s: &&Sequence| {
         let dt = |row: usize| s.time[row] - s.time[row - 1];
@@ -57,7 +57,8 @@ pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWa
     })
 }
 
-/// Time that goes on far too slowly: all the way long, joints move faster than they can.
+/// Reports time stamps that advance far too slowly: joints move faster than they can, all the way of a
+/// sequence.
 pub fn fast(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let fast = |s: &&Sequence| {
         let all: f64 = moves(s).map(|row| s.time[row] - s.time[row - 1]).sum();

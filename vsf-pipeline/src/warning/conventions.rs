@@ -1,9 +1,11 @@
-//! Signs, columns and units of readings in contact: those under which independent springs explain them best.
+//! Signs, columns and units of readings in contact: finds those under which independent springs explain the
+//! readings best.
 //!
-//! What touches one point at several joints has to agree, whatever the stiffness. The marginal likelihood of readings with
-//! signs turned, columns exchanged or one joint in another unit, stiffness integrated out, tells by hundreds of nats; but for
-//! joints that hardly feel anything. The sign of all joints together it does not tell, a stiffness may be negative there; that is
-//! told by springs of one stiffness everywhere.
+//! A touch that several joints feel must look the same to all of them, whatever the stiffness. The marginal
+//! likelihood, with stiffness integrated out, therefore separates readings with flipped signs, exchanged
+//! columns or one joint in another unit by hundreds of nats, except for joints that hardly feel anything.
+//! It cannot determine the common sign of all joints, since stiffness may be negative in it. That sign is
+//! determined by springs of equal stiffness at all points.
 
 use super::PipelineWarning;
 use super::order::{Columns, as_given, orders, with_signs};
@@ -41,7 +43,8 @@ const LEAST_TIMES: f64 = 4.0;
 /// Correlation of its readings with the torques of springs from which on a scale is one.
 const FELT: f64 = 0.6;
 
-/// Torques of the wrong sign, of some joints or of all, columns in the wrong order, and one joint in another unit.
+/// Reports torques of the wrong sign (of some joints or of all), columns in the wrong order, and one joint
+/// in another unit.
 pub fn warning<'a>(
     scene: &Scene,
     traces: &'a [Trace],

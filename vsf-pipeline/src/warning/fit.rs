@@ -9,15 +9,17 @@ const LEAST_EXPLAINED: f64 = 0.02;
 /// Share of the mean energy of sequences, of readings in contact, that one has at least to be judged on its own.
 const LEAST_ENERGY: f64 = 0.1;
 
-/// What looks wrong with an online estimation: errors far beyond those it expects.
+/// Checks an online estimation: reports errors far beyond those it expects.
 pub fn health_warnings(health: &FilterHealth) -> Vec<PipelineWarning> {
     let ratio = health.nis_ratio().filter(|ratio| *ratio > MOST_NIS);
     let warning = |ratio| PipelineWarning::Overconfident { ratio };
     ratio.map(warning).into_iter().collect()
 }
 
-/// What looks wrong with a field that was fitted to all readings at once: errors far beyond their noise. `traces` are
-/// those that it has learned from; of ones that [`Trace::check`] refuses, only that.
+/// Checks a field that was fitted to all readings at once: reports errors far beyond their noise.
+///
+/// `traces` are those that the field was learned from. If [`Trace::check`] refuses one, only that is
+/// reported.
 pub fn fit_warnings(
     field: &Belief<f64>,
     noise_sd: &[f64],
@@ -41,8 +43,11 @@ pub fn fit_warnings(
     misfit.into_iter().collect()
 }
 
-/// What looks wrong with any estimate: a field that explains nothing of the readings that it has learned from, or of some
-/// of their sequences. `traces` are those; of ones that [`Trace::check`] refuses, only that.
+/// Checks any estimate: reports a field that explains none of the readings it was learned from, or none of
+/// some sequences.
+///
+/// `traces` are those that the field was learned from. If [`Trace::check`] refuses one, only that is
+/// reported.
 pub fn field_warnings(field: &Belief<f64>, traces: &[Trace]) -> Vec<PipelineWarning> {
     let first = traces.iter().find_map(|t| t.observations.first());
     let channels = first.map_or(0, Observation::dim);

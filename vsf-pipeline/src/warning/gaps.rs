@@ -7,7 +7,7 @@ use vsf_data::Sequence;
 const MOST_STEPS: f64 = 10.0;
 const LEAST_GAP: f64 = 0.1;
 
-/// Time that is missing within a touch.
+/// Reports missing time within a touch.
 pub fn warning(sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let gap = |s: &&Sequence| {
         let step = |row: usize| s.time[row] - s.time[row - 1];

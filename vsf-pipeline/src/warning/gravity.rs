@@ -1,4 +1,5 @@
-//! Gravity as the readings of the actuators have it where nothing is touched: weight is linear in its vector.
+//! Estimates gravity from actuator readings where nothing is touched: weight is linear in the gravity
+//! vector.
 
 use super::PipelineWarning;
 use super::air::LEAST_FREE;
@@ -19,10 +20,12 @@ const SLOW: f64 = 0.01;
 /// The same of offsets, friction and motion.
 const ROUNDING: f64 = 1e-12;
 
-/// That another gravity explains most of what weight and motion of the arm leave of its readings, or that these are freed
-/// of weight though they should hold it, or the other way round. Neither offsets of a sequence count nor friction,
-/// constant or proportional to the speed, nor in external readings the torques of motion. `motions` are those of the
-/// arm where they are known, `rigid` the torques of it alone.
+/// Reports that another gravity explains most of what the rigid-body torques leave of the readings, or that
+/// weight was removed from readings that should contain it, or the reverse.
+///
+/// Offsets of a sequence are ignored, and so is friction, constant or proportional to the speed, and in
+/// external readings the torques of motion. `motions` are the velocities and accelerations of the arm where
+/// known, `rigid` its rigid-body torques.
 pub fn warning(
     scene: &Scene,
     sequences: &[&Sequence],

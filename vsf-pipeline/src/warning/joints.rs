@@ -1,5 +1,6 @@
-//! How much of what actuators read in the air weight and motion of the arm explain: next to nothing where the arm is another, its
-//! masses are or its joints stand otherwise; far more in another order where positions and torques have been exchanged.
+//! Measures how much of the actuator readings in the air the weight and motion of the arm explain. It is
+//! next to nothing if the arm, its masses or the zeros of its joints are wrong. It is far more in another
+//! order if positions and torques were exchanged.
 
 use super::PipelineWarning;
 use super::air::LEAST_FREE;
@@ -24,14 +25,15 @@ struct Sample<'a> {
     reading: &'a [f64],
 }
 
-/// Squares of readings of actuators in the air, and what weight and motion of the arm leave of them.
+/// Squared actuator readings in the air, and what the weight and motion of the arm leave of them.
 pub struct InAir<'a> {
     scene: &'a Scene,
     samples: Vec<Sample<'a>>,
 }
 
 impl<'a> InAir<'a> {
-    /// `motions` are those of the sequences where they are known. `None` of readings that are no actuators', and of few.
+    /// Computes the squares. `motions` are those of the sequences where known. `None` for readings that are
+    /// not of actuators, or too few.
     pub fn new(
         scene: &'a Scene,
         sequences: &'a [&Sequence],
@@ -60,7 +62,7 @@ impl<'a> InAir<'a> {
         (samples.len() >= LEAST_FREE).then_some(Self { scene, samples })
     }
 
-    /// That positions or torques of the joints, or both, in another order explain far more.
+    /// Reports positions or torques of the joints, or both, that explain far more in another order.
     pub fn other_order(&self) -> Option<PipelineWarning> {
         let joints = self.scene.robot().joints();
         let given = as_given(joints.len());
@@ -88,7 +90,7 @@ impl<'a> InAir<'a> {
         })
     }
 
-    /// That they explain next to nothing.
+    /// Reports that weight and motion explain next to nothing.
     pub fn unexplained(&self) -> Option<PipelineWarning> {
         let given = as_given(self.scene.robot().joint_count());
         let explained = 1.0 - self.left(&given, &given)? / self.squares();

@@ -8,7 +8,7 @@ const MOST_SPEED: f64 = 3.0;
 /// Changes count from this on (rad or m): encoders of fast controllers count in steps.
 const LEAST_JUMP: f64 = 0.01;
 
-/// Positions that change, within a touch, faster than the robot can.
+/// Reports positions that change, within a touch, faster than the robot can move.
 pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     // Median time between samples (s).
     let tick = |s: &&Sequence| {
@@ -86,7 +86,7 @@ pub fn leaps<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pipel
     })
 }
 
-/// Velocities at which the robot cannot move, where positions do not change as fast.
+/// Reports velocities that the robot cannot reach, where positions do not change as fast.
 pub fn speeds(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let fast = |(j, joint): (usize, &Joint)| {
         let limit = joint.limits().velocity;
@@ -124,7 +124,7 @@ pub fn speeds(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWar
     })
 }
 
-/// The rows of a sequence that go on from the one before them.
+/// The rows of a sequence that continue the row before them.
 pub fn moves(sequence: &Sequence) -> impl Iterator<Item = usize> {
     sequence.touches().flat_map(|touch| touch.skip(1))
 }

@@ -4,21 +4,21 @@ use std::fmt;
 use thiserror::Error;
 use vsf_data::TorqueKind;
 
-/// Values of one joint that stand out.
+/// Outlying values of one joint.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Outliers {
     /// Name of the joint.
     pub joint: String,
-    /// How many.
+    /// Number of outliers.
     pub count: usize,
-    /// Out of how many.
+    /// Number of all values.
     pub total: usize,
-    /// Sequence of the first one.
+    /// Sequence of the first outlier.
     pub sequence: String,
-    /// Its row, from 0.
+    /// Row of the first outlier, from 0.
     pub row: usize,
-    /// Its value (rad, m, N m or N).
+    /// Value of the first outlier (rad, m, N m or N).
     pub value: f64,
 }
 
@@ -40,12 +40,12 @@ impl fmt::Display for Outliers {
     }
 }
 
-/// Something in a recording that can be worked with but that a person should know.
+/// A problem of a recording that does not prevent work with it, but that a person should know.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum PipelineWarning {
-    /// A sequence or trace whose parts do not fit each other or the robot: all that works on it refuses it, and
-    /// those beside it were not looked at.
+    /// A sequence or trace whose parts do not match each other or the robot. Everything that uses it will
+    /// refuse it, and the others were not checked.
     #[error("sequence {sequence} cannot be worked with, and none was looked at: {problem}")]
     Malformed {
         /// The sequence.
@@ -53,16 +53,16 @@ pub enum PipelineWarning {
         /// What is wrong.
         problem: String,
     },
-    /// What looks wrong with one sequence and not with all of them.
+    /// A problem of one sequence, not of all.
     #[error("sequence {sequence}: {warning}")]
     InSequence {
         /// The first such sequence.
         sequence: String,
-        /// What it is.
+        /// The problem.
         warning: Box<PipelineWarning>,
     },
-    /// Angles beyond two turns, or beyond the joint's limits by half a turn: degrees, or within a turn perhaps angles that
-    /// wrap around.
+    /// Angles beyond two turns, or beyond the joint's limits by half a turn: probably in degrees, or,
+    /// within a turn, perhaps angles that wrap around.
     #[error("angles must be in radians, these look {like}: {0}", like = alike(.0.value))]
     Degrees(Outliers),
     /// Positions outside the joint's limits, by more than 1e-3 (rad or m).
@@ -171,7 +171,7 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
-    /// Time steps within a touch of more than ten times the usual one, and more than 0.1 s.
+    /// Time steps within a touch of more than ten times the usual one and more than 0.1 s.
     #[error(
         "sequence {sequence} row {row} comes {seconds:.3} s after the row before, others {usual:.3} s: samples are \
          missing, and what slipped meanwhile is unknown; if a touch ends there, begin the next one there \
@@ -183,28 +183,28 @@ pub enum PipelineWarning {
         sequence: String,
         /// The row after its first gap, from 0.
         row: usize,
-        /// How long the gap is (s).
+        /// Length of the gap (s).
         seconds: f64,
         /// Median time between rows (s).
         usual: f64,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// A touch that begins with the arm inside of the object: by more than the contact threshold and the space between
-    /// points.
+    /// A touch that begins with the arm inside of the object, by more than the contact threshold and the
+    /// spacing of the points.
     #[error(
         "sequence {sequence} row {row}: link {link:?} is {depth:.3} m inside of the object where a touch begins; check \
          the pose of the base, the frame and unit of the points, and that recordings begin before the touch{}",
         more(*others, "touch")
     )]
     StartsInside {
-        /// The sequence of the deepest one.
+        /// Sequence of the deepest such touch.
         sequence: String,
-        /// Its first row, from 0.
+        /// First row of that touch, from 0.
         row: usize,
         /// Name of the link.
         link: String,
-        /// How far a point is displaced out of it (m).
+        /// Displacement of a point out of the link (m).
         depth: f64,
         /// Further touches of that kind.
         others: usize,
@@ -221,7 +221,8 @@ pub enum PipelineWarning {
         /// Where.
         outliers: Outliers,
     },
-    /// An arm whose own torques, by its URDF and its angles, are more than ten times a joint's effort limit.
+    /// An arm whose rigid-body torques, by its URDF and its angles, are more than ten times a joint's
+    /// effort limit.
     #[error(
         "by the URDF the arm itself takes more than ten times its limit of {effort:?} {unit}, check masses, inertias, gravity \
          and the unit of angles: {outliers}"
@@ -234,7 +235,7 @@ pub enum PipelineWarning {
         /// Where.
         outliers: Outliers,
     },
-    /// Velocities beyond 1.5 times, or below 1/1.5 of, what positions and time stamps say.
+    /// Velocities that are over 1.5 times, or below 1/1.5 of, those that positions and time stamps give.
     #[error(
         "velocities of joint {joint} are {} times the change of its positions over time{}; {}",
         times(*factor), more(*others, "joint"), velocities::cause(*factor)
@@ -242,12 +243,12 @@ pub enum PipelineWarning {
     Velocities {
         /// Name of the first such joint.
         joint: String,
-        /// Median ratio over its moves.
+        /// Median ratio of the velocities to the change of positions over time.
         factor: f64,
         /// Further joints of that kind.
         others: usize,
     },
-    /// Positions that stay while velocities say that the joint moves.
+    /// Positions that stay constant while velocities say that the joint moves.
     #[error(
         "joint {joint} stands still in angles while its velocities say that it moves; its encoder looks stuck{}",
         more(*others, "joint")
@@ -258,17 +259,17 @@ pub enum PipelineWarning {
         /// Further joints of that kind.
         others: usize,
     },
-    /// Readings in contact that go against what springs give, whatever their stiffness.
+    /// Readings in contact that are opposite to those of springs, whatever their stiffness.
     #[error(
         "torques in contact are opposite to those of springs (correlation {correlation:.2} with one stiffness \
          everywhere): they look as if of the robot on the object; check their sign"
     )]
     OppositeTorques {
-        /// With the torques of 1 N/m at every point, -1 to 1.
+        /// Correlation with the torques of 1 N/m at every point, -1 to 1.
         correlation: f64,
     },
-    /// A sequence whose torques in contact, by depth of the touch, are over 100 times those of the median sequence, or less
-    /// than a hundredth of them.
+    /// A sequence whose torques in contact, at equal depth of touch, are over 100 times those of the median
+    /// sequence, or less than a hundredth of them.
     #[error(
         "sequence {sequence}: torques in contact are {} times those of sequence {than} at like depth; check \
          their unit{}", times(*factor), more(*others, "sequence")
@@ -276,14 +277,16 @@ pub enum PipelineWarning {
     ScaledTorques {
         /// The first such sequence.
         sequence: String,
-        /// The one stiffness that explains its readings in contact best, in that of the median sequence.
+        /// Ratio of its stiffness level, the single stiffness that explains its readings in contact best,
+        /// to that of the median sequence.
         factor: f64,
         /// The median sequence.
         than: String,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// Readings by which touches give back more work than was put into them, and which fit them better some time later.
+    /// Readings that come late: touches give back more work than was put into them, and fit better with
+    /// readings from some time later.
     #[error(
         "torques come later than the touches do: with {}{seconds:.2} s{} taken off, springs leave {:.0} % of what they leave now; \
          check the clocks of joints and torques, or diagnose a latency, which is less where the contact threshold has \
@@ -291,14 +294,15 @@ pub enum PipelineWarning {
         if *is_more { "" } else { "some " }, if *is_more { " or more" } else { "" }, 100.0 * left
     )]
     Late {
-        /// How much later they come (s).
+        /// Delay of the readings (s).
         seconds: f64,
-        /// Whether it may be more.
+        /// Whether the delay may be longer.
         is_more: bool,
-        /// Share of what springs of one stiffness everywhere leave of the readings that is left with it.
+        /// Unexplained part of the readings with the delay removed, relative to that without, for springs
+        /// of equal stiffness at all points.
         left: f64,
     },
-    /// Torques of a joint of another scale than those of the others, in contact.
+    /// Torques of a joint whose scale in contact differs from that of the other joints.
     #[error(
         "in contact the torques of {joint} are some {factor:.2} times what springs at the points ask for that the other joints \
          feel, by {gain:.0} nats; check the unit, gear ratio and torque constant of that joint"
@@ -306,9 +310,9 @@ pub enum PipelineWarning {
     ScaledJoint {
         /// The joint.
         joint: String,
-        /// Its torques, per those that the others ask for; to within a factor of 1.3.
+        /// Ratio of its torques to those that the other joints imply, to within a factor of 1.3.
         factor: f64,
-        /// Gain of log evidence (nats) if it is divided by that.
+        /// Gain in log evidence (nats) if its torques are divided by that factor.
         gain: f64,
     },
     /// Readings of less than 1e-6 N m (or N) that are not all zero.
@@ -316,32 +320,32 @@ pub enum PipelineWarning {
         "the largest torque that was read is {largest:e} {unit}: no sensor resolves that; check the unit"
     )]
     TinyReadings {
-        /// Its size.
+        /// Largest magnitude that was read.
         largest: f64,
         /// `N m`, `N` or both.
         unit: &'static str,
     },
-    /// Readings that are the torques of gravity and of the arm's own motion where nothing is touched.
+    /// Readings that are, where nothing is touched, the torques of gravity and of the arm's own motion.
     #[error(
         "where nothing is touched the readings, taken as torque_kind {}, leave {size:.2} times the torques of \
          weight and motion of the arm (correlation {correlation:.2}); check whether they are {}, their unit, and gravity \
          in the frame of the robot's base", kind(*given), kind(other(*given))
     )]
     GravityLeft {
-        /// What the recording says that they are.
+        /// Kind of torques according to the recording.
         given: TorqueKind,
-        /// What is left per torque that the arm itself needs.
+        /// What is left, relative to the torque that the arm itself needs.
         size: f64,
-        /// With those torques.
+        /// Correlation of what is left with those torques.
         correlation: f64,
     },
-    /// Readings of the actuators that leave twice the torques of weight and motion where nothing is touched.
+    /// Actuator readings that leave, where nothing is touched, twice the torques of weight and motion.
     #[error(
         "where nothing is touched the readings leave {size:.2} times the torques of weight and motion of the arm, as \
          if of the arm on its actuators; check their sign, gravity and base_pose"
     )]
     GravityTwice {
-        /// What is left per torque that the arm itself needs.
+        /// What is left, relative to the torque that the arm itself needs.
         size: f64,
     },
     /// A single reading that is far larger than all others of its joint in a sequence.
@@ -359,28 +363,28 @@ pub enum PipelineWarning {
         row: usize,
         /// The reading.
         value: f64,
-        /// The median of it and those beside it.
+        /// The median of this reading and those beside it.
         beside: f64,
         /// `N m` or `N`.
         unit: &'static str,
-        /// How many more there are.
+        /// Number of further such readings.
         others: usize,
     },
-    /// Weight in the readings of the actuators, where nothing is touched, that is of another gravity.
+    /// Actuator readings that, where nothing is touched, contain the weight of another gravity.
     #[error(
         "where nothing is touched gravity of {} m/s² explains the readings far better than {} ({percent:.0} % of the squared \
          difference would be left); check gravity, base_pose, and unit and sign of the torques",
         vector(gravity), vector(given), percent = 100.0 * left
     )]
     OtherGravity {
-        /// The vector that explains them best (m/s²), world frame.
+        /// The gravity that explains them best (m/s²), world frame.
         gravity: [f64; 3],
-        /// That of the recording.
+        /// The gravity of the recording.
         given: [f64; 3],
-        /// Share of the squared differences from the model that it leaves.
+        /// Share of the squared differences from the model that remains with the best gravity.
         left: f64,
     },
-    /// Readings of some joints that go against those of the others.
+    /// Readings of some joints whose sign contradicts the other joints.
     #[error(
         "springs explain the readings in contact far better with the other sign of {joints} (log likelihood higher by \
          {gain:.0}); check it"
@@ -388,7 +392,7 @@ pub enum PipelineWarning {
     OppositeJoints {
         /// Names of the joints.
         joints: String,
-        /// Log likelihood that their other sign gains (nats).
+        /// Gain in log likelihood if their sign is flipped (nats).
         gain: f64,
     },
     /// Readings whose columns fit the joints better in another order.
@@ -397,12 +401,12 @@ pub enum PipelineWarning {
          check which column is which joint's"
     )]
     MixedColumns {
-        /// The order, in words, or several that are not told apart.
+        /// The better order, in words, or several that cannot be distinguished.
         order: String,
-        /// Log likelihood that it gains (nats).
+        /// Gain in log likelihood by that order (nats).
         gain: f64,
     },
-    /// Readings of some actuators of the other sign, where nothing is touched.
+    /// Readings of some actuators that, where nothing is touched, have the opposite sign.
     #[error(
         "where nothing is touched the readings of {joints} are opposite to the weight and motion of the arm (with the other \
          sign {percent:.0} % of the squared difference would be left); check their signs, gravity and base_pose",
@@ -411,39 +415,41 @@ pub enum PipelineWarning {
     OppositeActuators {
         /// Names of the joints.
         joints: String,
-        /// Share of their squared differences from the model that the other sign leaves.
+        /// Share of their squared differences from the model that remains with the other sign.
         left: f64,
     },
-    /// Readings of an actuator that are many times its weight and motion, or a small part of them, where nothing is touched.
+    /// Readings of an actuator that, where nothing is touched, are many times its weight and motion, or a
+    /// small part of them.
     #[error(
         "where nothing is touched the readings of {joint} are {factor:.3} times what weight and motion of the arm need \
          (correlation {correlation:.2}); check its unit, gear ratio and torque constant{}", more(*others, "joint")
     )]
     ScaledActuators {
-        /// Name of the joint that this is clearest of.
+        /// Name of the joint where this is clearest.
         joint: String,
-        /// Reading per torque that is needed.
+        /// Ratio of readings to the torque that is needed.
         factor: f64,
-        /// Correlation of the two.
+        /// Correlation of readings and needed torque.
         correlation: f64,
-        /// Share of the squared differences of such joints from the model that is left once they are scaled.
+        /// Share of the squared differences of such joints from the model that remains after scaling.
         left: f64,
         /// Further joints of that kind.
         others: usize,
     },
-    /// Readings of the actuators whose columns fit the joints better in another order, where nothing is touched.
+    /// Actuator readings whose columns, where nothing is touched, fit the joints better in another order.
     #[error(
         "where nothing is touched weight and motion of the arm explain the readings far better with their columns {order} \
          ({percent:.0} % of their squared difference would be left); check which column is which joint's",
         percent = 100.0 * left
     )]
     MixedActuators {
-        /// The order, in words.
+        /// The better order, in words.
         order: String,
-        /// Share of their squared differences from the model that it leaves.
+        /// Share of their squared differences from the model that remains with that order.
         left: f64,
     },
-    /// Positions or torques, or both, in another order than that of the joints, as weight and motion of the arm tell.
+    /// Positions or torques, or both, in another order than that of the joints, according to weight and
+    /// motion of the arm.
     #[error(
         "where nothing is touched weight and motion of the arm explain the readings far better with the columns of {of} \
          {order} ({percent:.0} % of the squares that are left would be left); check which column is which joint's, as in \
@@ -451,37 +457,37 @@ pub enum PipelineWarning {
         percent = 100.0 * left
     )]
     MixedJoints {
-        /// Of what.
+        /// The quantity whose columns are mixed.
         of: &'static str,
-        /// The order, in words.
+        /// The better order, in words.
         order: String,
-        /// Share of the squares that the given order leaves that it leaves.
+        /// Squares left unexplained by that order, relative to those left by the given one.
         left: f64,
     },
-    /// Readings of actuators that are not those of this arm.
+    /// Actuator readings that are not those of this arm.
     #[error(
         "where nothing is touched weight and motion of the arm explain {percent:.0} % of the squares that its actuators read; check \
          that it is this robot, its masses, the zero of its joints, base_pose and gravity, or whether the torques are external",
         percent = 100.0 * explained
     )]
     UnexplainedArm {
-        /// Share of their squares that is explained, 0 to 1.
+        /// Share of the squared readings that is explained, 0 to 1.
         explained: f64,
     },
-    /// Sequences that touch no point, with readings as of touches.
+    /// Sequences that touch no point, though their readings look like those of touches.
     #[error(
         "sequence {sequence} touches no point, but its readings change by {change:.3} {unit}, those of touches by {touch:.3}{}: the \
          points may not cover what was touched, or base_pose be another; or weight or friction of the arm is in the readings",
         more(*others, "sequence")
     )]
     NothingTouched {
-        /// ID of the first one.
+        /// ID of the first such sequence.
         sequence: String,
-        /// How many more there are.
+        /// Further sequences of that kind.
         others: usize,
         /// How far its readings get from their median, all joints together (N m or N).
         change: f64,
-        /// How far those of a sequence that touches do, in the median.
+        /// The same distance for sequences that touch: its median over them.
         touch: f64,
         /// `N m`, `N` or both.
         unit: &'static str,
@@ -494,11 +500,12 @@ pub enum PipelineWarning {
         100.0 * share, 100.0 * of_sequence
     )]
     FeltOutside {
-        /// Their share of the energy of readings, beyond noise and about their median in the air.
+        /// Share of such samples in the energy of the readings, beyond noise and about their median in the
+        /// air.
         share: f64,
-        /// ID of the sequence with most of it.
+        /// ID of the sequence with the largest part of it.
         sequence: String,
-        /// The share there.
+        /// The share in that sequence.
         of_sequence: f64,
     },
     /// Readings that are far from zero where nothing is touched.
@@ -515,28 +522,28 @@ pub enum PipelineWarning {
         mean: f64,
         /// Norm of the means of all joints.
         offset: f64,
-        /// Root mean square of what readings in contact have beyond these means, over all joints.
+        /// Root mean square of the readings in contact minus these means, over all joints.
         touch: f64,
         /// `N m`, `N` or both.
         unit: &'static str,
     },
-    /// Readings that last where nothing is touched, and change their sign, as those of friction do.
+    /// Readings that persist where nothing is touched and change their sign, as those of friction do.
     #[error(
         "where nothing is touched the readings are {size:.3} {unit} (rms, most of all those of joint {joint}), in contact {touch:.3}: \
          friction of the joints, drift or a payload is in them, and an estimate takes it for stiffness; a diagnosis tells which, and \
          corrects it"
     )]
     FeltInAir {
-        /// Name of the joint where they are largest.
+        /// Name of the joint where these readings are largest.
         joint: String,
-        /// Root mean square of means over 16 samples in a row, over all joints.
+        /// Root mean square of the means over 16 consecutive samples, over all joints.
         size: f64,
         /// Root mean square of the readings in contact, over all joints.
         touch: f64,
         /// `N m`, `N` or both.
         unit: &'static str,
     },
-    /// Samples that come a second or more apart, in which nothing moves at a speed that one would touch with.
+    /// Samples that come a second or more apart, while nothing moves at the speed of a touch.
     #[error(
         "sequence {sequence}: samples come {step:.3} s apart, and joints move at {fastest:.1e} rad/s (or m/s) at most, \
          averaged along the way; \
@@ -547,12 +554,12 @@ pub enum PipelineWarning {
         sequence: String,
         /// Median time between rows (s).
         step: f64,
-        /// Largest mean speed of a joint, by way (rad/s or m/s).
+        /// Largest mean speed of a joint, averaged along its way (rad/s or m/s).
         fastest: f64,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// Joints that move, all the way of a sequence, at more than three times their velocity limit.
+    /// Joints that move at more than three times their velocity limit all the way of a sequence.
     #[error(
         "sequence {sequence}: joint {joint} moves at {speed:.3e} {unit}/s on average, its limit is {limit:?}; time stamps must be in \
          seconds, and go on too slowly here{}", more(*others, "sequence")
@@ -562,46 +569,46 @@ pub enum PipelineWarning {
         sequence: String,
         /// The first such joint there.
         joint: String,
-        /// Its mean speed (rad/s or m/s).
+        /// Mean speed of that joint (rad/s or m/s).
         speed: f64,
-        /// Its limit.
+        /// Its velocity limit.
         limit: f64,
         /// `rad` or `m`.
         unit: &'static str,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// Samples in which all joints read exactly zero, between samples in which they read much.
+    /// Samples in which all joints read exactly zero, between samples with large readings.
     #[error(
         "sequence {sequence} row {row}: all joints read exactly 0 between rows in which they do not, as where readings were lost{}; \
          an estimate takes them for free air: leave these samples out", more(*others, "sample")
     )]
     LostReadings {
-        /// ID of the first sequence.
+        /// ID of the first such sequence.
         sequence: String,
         /// Its first such row.
         row: usize,
-        /// Further samples of that kind, of all sequences.
+        /// Further samples of that kind, in all sequences.
         others: usize,
     },
-    /// Samples that repeat the one before to the last digit, while the arm moves.
+    /// Samples that repeat the one before to the last digit while the arm moves.
     #[error(
         "sequence {sequence}: {count} of {rows} samples repeat the one before to the last digit, positions and readings, as where a log is \
          quicker than what it records{}; each counts as a new one, so that standard deviations are too small: keep one of each",
         more(*others, "sequence")
     )]
     RepeatedSamples {
-        /// ID of the first sequence.
+        /// ID of the first such sequence.
         sequence: String,
-        /// How many of its samples do.
+        /// Number of its repeated samples.
         count: usize,
-        /// Samples of the sequence.
+        /// Number of its samples.
         rows: usize,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// A joint whose readings stay at one value for a part of a sequence, not at the end of their range, while touch
-    /// would change them.
+    /// A joint whose readings stay at one value during part of a sequence, not at the end of their range,
+    /// while touch should change them.
     #[error(
         "joint {joint} reads {value:?} {unit} in {count} samples on end of sequence {sequence}, from row {row} on, while \
          the touch changes; its sensor looks frozen{}", more(*others, "joint")
@@ -613,17 +620,17 @@ pub enum PipelineWarning {
         sequence: String,
         /// Its first such row, from 0.
         row: usize,
-        /// How many rows.
+        /// Number of such rows.
         count: usize,
-        /// What it reads.
+        /// The value that it reads.
         value: f64,
         /// `N m` or `N`.
         unit: &'static str,
         /// Further joints of that kind.
         others: usize,
     },
-    /// A joint that reads the same in a whole sequence, not zero, while touch would change it and other joints
-    /// do change.
+    /// A joint that reads the same nonzero value in a whole sequence, while touch should change it and
+    /// other joints do change.
     #[error(
         "joint {joint} reads {value:?} {unit} in all of sequence {sequence} while the touch changes; its sensor \
          looks stuck{}", more(*others, "sequence")
@@ -633,14 +640,14 @@ pub enum PipelineWarning {
         joint: String,
         /// The first such sequence.
         sequence: String,
-        /// What it reads.
+        /// The value that it reads.
         value: f64,
         /// `N m` or `N`.
         unit: &'static str,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// A joint that reads zero in all sequences while touch would change it and other joints do change.
+    /// A joint that reads zero in all sequences, while touch should change it and other joints do change.
     #[error(
         "joint {joint} reads 0 in all samples while the touch changes, as if it were not measured; what springs give \
          there counts as an error of the field: give the joint a large noise sd"
@@ -649,7 +656,8 @@ pub enum PipelineWarning {
         /// Name of the joint.
         joint: String,
     },
-    /// An actuator that reads one value for a while, though what it has to give to hold and move the arm changes.
+    /// An actuator that reads one value for a while, although the torque needed to hold and move the arm
+    /// changes.
     #[error(
         "joint {joint} reads {value:?} {unit} in {count} rows of sequence {sequence} from row {row} on, while what the arm \
          alone asks of it changes by {change:.3} {unit}; its sensor looks dead or frozen{}{}",
@@ -663,15 +671,15 @@ pub enum PipelineWarning {
         sequence: String,
         /// Its first such row, from 0.
         row: usize,
-        /// How many rows.
+        /// Number of such rows.
         count: usize,
-        /// What it reads.
+        /// The value that it reads.
         value: f64,
-        /// By how much the torque of the arm alone changes meanwhile.
+        /// Change of the arm's rigid-body torque meanwhile.
         change: f64,
         /// `N m` or `N`.
         unit: &'static str,
-        /// How often else it does so.
+        /// How many more times it does so.
         again: usize,
         /// Further joints of that kind.
         others: usize,
@@ -685,7 +693,7 @@ pub enum PipelineWarning {
     SaturatedReadings {
         /// Name of the joint.
         joint: String,
-        /// How many.
+        /// Number of such readings.
         count: usize,
         /// The level, relative to the tare.
         level: f64,
@@ -705,7 +713,7 @@ pub enum PipelineWarning {
     ClippedReadings {
         /// Name of the joint.
         joint: String,
-        /// How many.
+        /// Number of such readings.
         count: usize,
         /// The end of its range.
         value: f64,
@@ -716,7 +724,8 @@ pub enum PipelineWarning {
         /// Its row, from 0.
         row: usize,
     },
-    /// Rest points in pairs or clusters: what contact takes for their spacing may be that within a cluster.
+    /// Rest points in pairs or clusters. The spacing that contact uses may then be the one within a
+    /// cluster.
     #[error(
         "the rest points come in clusters: the eighth nearest to a point is {times:.0} times as far away as the nearest, as \
          where scans of one object are put together; the stiffness of a place is shared out between its points, and the \
@@ -725,10 +734,11 @@ pub enum PipelineWarning {
     ClusteredPoints {
         /// Median distance to the nearest point at another place (m).
         spacing: f64,
-        /// How many times as far the eighth nearest is.
+        /// Ratio of the distance of the eighth nearest point to that of the nearest.
         times: f64,
     },
-    /// Words of a URDF that are not understood: misspelled, they leave out a pose, a shape or a mass.
+    /// Words of a URDF that are not understood. If they are misspelled, a pose, a shape or a mass is
+    /// missing.
     #[error(
         "robot {robot:?}: its URDF has {first}, which is not understood and has no effect: misspelled, it is missing \
          from the robot{}", more(*others, "place")
@@ -736,12 +746,12 @@ pub enum PipelineWarning {
     UnreadUrdf {
         /// Name of the robot.
         robot: String,
-        /// What, and in which line.
+        /// The first such word, and its line.
         first: String,
-        /// How many others there are.
+        /// Number of further such words.
         others: usize,
     },
-    /// Links without inertia, of an arm whose own torques are taken off the readings.
+    /// Links without inertia, of an arm whose rigid-body torques are removed from the readings.
     #[error(
         "links without mass count as weightless, and torque_kind measured needs their weight: {links}; give \
          them mass and inertia in the URDF"
@@ -750,7 +760,8 @@ pub enum PipelineWarning {
         /// Their names.
         links: String,
     },
-    /// Links whose inertia no body has, of an arm whose own torques are taken off the readings.
+    /// Links with a physically impossible inertia, of an arm whose rigid-body torques are removed from the
+    /// readings.
     #[error(
         "links with an <inertia> that no body has, one principal moment more than the other two together: {links}; \
          torque_kind measured needs them in fast motion, check the URDF"
@@ -759,8 +770,8 @@ pub enum PipelineWarning {
         /// Their names.
         links: String,
     },
-    /// An online estimator whose innovations are far beyond what it expects: more than 30 times in their
-    /// mean square.
+    /// An online estimator whose innovations are far larger than expected: more than 30 times in mean
+    /// square.
     #[error(
         "the squared errors of one-step predictions are {} times what prior and noise allow; do not trust \
          predictions of this field: give a larger noise sd or a smaller prior sd, or let both be chosen",
@@ -770,7 +781,7 @@ pub enum PipelineWarning {
         /// [`vsf_core::FilterHealth::nis_ratio`].
         ratio: f64,
     },
-    /// A field that misses the readings that it has learned from: by more than 30 times their noise, in squares.
+    /// A field that misses the readings it was learned from by more than 30 times their noise, in squares.
     #[error(
         "the squared errors of the fit are {} times what the noise allows; do not trust the deviations of this field: \
          give a larger noise sd or a larger prior sd, or let both be chosen",
@@ -780,19 +791,20 @@ pub enum PipelineWarning {
         /// Mean squared error of a reading in contact, in variances of its noise.
         ratio: f64,
     },
-    /// A field that explains next to nothing of the readings that it has learned from, or misses them by more than zero
-    /// does.
+    /// A field that explains next to nothing of the readings it was learned from, or misses them by more
+    /// than zero stiffness does.
     #[error(
         "the field explains {} of the squared readings that it has learned from: they are not those of springs at \
          these contacts (sign, unit, order or tare of readings, geometry), or the prior sd that was given is too small or the \
          noise sd too large", percent(*share)
     )]
     ExplainsNothing {
-        /// Share of the squared readings in contact.
+        /// Explained share of the squared readings in contact.
         share: f64,
     },
-    /// Sequences of which a field explains next to nothing, though it has learned from them and explains others. Only those
-    /// with a tenth of the squared readings of the mean sequence at least.
+    /// Sequences of which a field explains next to nothing, though it was learned from them and explains
+    /// others. Only sequences with at least a tenth of the mean squared readings per sequence are
+    /// considered.
     #[error(
         "the field explains {} of the squared readings of sequence {sequence}, from which it has learned, and more of others: \
          its torques may be those of another sequence or clock than its angles, the object may have moved, or the readings hold what \
@@ -802,12 +814,12 @@ pub enum PipelineWarning {
     ExplainsNothingOf {
         /// The first such sequence.
         sequence: String,
-        /// Share of its squared readings in contact.
+        /// Explained share of its squared readings in contact.
         share: f64,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// Samples that tare the sensor, and touch.
+    /// Tare samples in contact.
     #[error(
         "sequence {sequence}: {count} of its {tare_samples} tare samples are in contact, the first in \
          row {row}; what they feel is taken off the whole sequence{}", more(*others, "sequence")
@@ -815,17 +827,17 @@ pub enum PipelineWarning {
     TareInContact {
         /// The first such sequence.
         sequence: String,
-        /// Its tare samples in contact.
+        /// Number of its tare samples in contact.
         count: usize,
-        /// All of its tare samples.
+        /// Number of all of its tare samples.
         tare_samples: usize,
         /// Row of the first one in contact, from 0.
         row: usize,
         /// Further sequences of that kind.
         others: usize,
     },
-    /// Samples that tare the sensor while its readings change: by more than a quarter of what the
-    /// same sequence reads in contact.
+    /// Tare samples during which readings change by more than a quarter of what the same sequence reads in
+    /// contact.
     #[error(
         "sequence {sequence}: readings of its tare samples spread by {spread:.3} {unit} (sd), against \
          {touch:.3} {unit} (rms) in contact; they should be at rest and free{}", more(*others, "sequence")
@@ -842,18 +854,18 @@ pub enum PipelineWarning {
         /// Further sequences of that kind.
         others: usize,
     },
-    /// A camera that sees a surface where there are next to no rest points: less than 1 % of them lie
+    /// A camera that sees a surface where there are hardly any rest points: less than 1 % of them lie
     /// within one spacing of it.
     #[error(
         "camera/: {near} of {points} rest points lie within {reach:.3} m of the surface that is seen; check \
          depth_scale, world_from_camera and the images"
     )]
     SurfaceElsewhere {
-        /// Rest points near the surface.
+        /// Number of rest points near the surface.
         near: usize,
-        /// Rest points.
+        /// Number of rest points.
         points: usize,
-        /// How near (m): the spacing of the rest points.
+        /// Distance that counts as near (m): the spacing of the rest points.
         reach: f64,
     },
     /// Intrinsics that no camera has: pixels far from square, or a principal point outside of the image.
@@ -870,7 +882,7 @@ pub enum PipelineWarning {
         /// Width and height of the image (pixels).
         size: [usize; 2],
     },
-    /// A link of more than 10 m.
+    /// A link larger than 10 m.
     #[error(
         "link {link:?} is {} m across; lengths are in meters, check its shapes and, for a mesh in millimeters, \
          its scale (scale=\"0.001 0.001 0.001\" in the URDF)", whole(*size)
@@ -878,10 +890,10 @@ pub enum PipelineWarning {
     HugeLink {
         /// Name of the link.
         link: String,
-        /// Longest edge of its box (m).
+        /// Longest edge of its bounding box (m).
         size: f64,
     },
-    /// A link of less than 1 mm.
+    /// A link smaller than 1 mm.
     #[error(
         "link {link:?} is {size:e} m across; lengths are in meters, check its shapes and, for a mesh, that its scale is not \
          applied twice"
@@ -889,56 +901,56 @@ pub enum PipelineWarning {
     TinyLink {
         /// Name of the link.
         link: String,
-        /// Longest edge of its box (m).
+        /// Longest edge of its bounding box (m).
         size: f64,
     },
-    /// An object of more than 10 m.
+    /// An object larger than 10 m.
     #[error(
         "the points are {size:.1} m across; lengths are in meters, and points in the frame of the world"
     )]
     HugeObject {
-        /// Diagonal of the box of the points (m).
+        /// Diagonal of the points' bounding box (m).
         size: f64,
     },
-    /// A contact threshold of more than a quarter of the object, and than four spacings of its points.
+    /// A contact threshold larger than a quarter of the object and than four spacings of its points.
     #[error(
         "contact threshold and padding reach {} m beyond the robot's surface, and the object is {size:.3} m across: much of \
          it is touched at once, which takes long and tells little; lengths are in meters",
         (level * 1e6).round() / 1e6
     )]
     TouchesFromAfar {
-        /// Contact threshold and padding (m).
+        /// Contact threshold plus padding (m).
         level: f64,
-        /// Diagonal of the box of the rest points (m).
+        /// Diagonal of the rest points' bounding box (m).
         size: f64,
     },
-    /// A mesh with faces turned over: more than 0.5 % of the points near it lie behind such faces, and
-    /// are outside of the link for contact.
+    /// A mesh with flipped faces: more than 0.5 % of the points near it lie behind such faces, and contact
+    /// takes them to be outside of the link.
     #[error(
         "{mesh}: faces are turned inside out, {:.1} % of the points near the mesh lie behind them and are \
          taken to be outside of the link; turn the normals outward in a mesh editor", 100.0 * share
     )]
     TurnedFaces {
-        /// File of the mesh, or its link.
+        /// File of the mesh, or name of its link.
         mesh: String,
-        /// Share of the points within 1 cm of the mesh.
+        /// Share of such points among those within 1 cm of the mesh.
         share: f64,
     },
-    /// A mesh with openings so wide, or faces so mixed, that more than a quarter of the points near it may be
-    /// inside or outside.
+    /// A mesh with openings so wide, or faces so inconsistent, that more than a quarter of the points near
+    /// it may be inside or outside.
     #[error(
         "{mesh}: the mesh is open at {open} of {edges} edges, so that the side of {:.0} % of the points near \
          it is a guess; close the openings in a mesh editor, or give the link a simpler shape",
          100.0 * share
     )]
     OpenMesh {
-        /// File of the mesh, or its link.
+        /// File of the mesh, or name of its link.
         mesh: String,
-        /// Edges whose faces do not cancel.
+        /// Number of edges whose faces do not cancel.
         open: usize,
-        /// All edges.
+        /// Number of all edges.
         edges: usize,
-        /// Share of the points within 1 cm of the mesh.
+        /// Share of such points among those within 1 cm of the mesh.
         share: f64,
     },
 }
@@ -1016,8 +1028,8 @@ fn other(than: TorqueKind) -> TorqueKind {
 }
 
 impl PipelineWarning {
-    /// Whether it rests on when the scene's contact begins and what springs explain in it: in another contact than that of the
-    /// readings it tells nothing.
+    /// Whether it depends on when contact begins in the scene and what springs explain in it. If the
+    /// readings were made with another contact model, such a warning is meaningless.
     pub fn rests_on_contact(&self) -> bool {
         match self {
             Self::InSequence { warning, .. } => warning.rests_on_contact(),

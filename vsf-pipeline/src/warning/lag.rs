@@ -1,8 +1,10 @@
-//! Readings that come later than the touches that they are of.
+//! Readings that come later than their touches.
 //!
-//! A touch from free air to free air is a loop: whatever the force is of what is displaced, the arm gets no more work out of it than
-//! it has put in. Readings that come late show more force on the way out than on the way in, as if it did. Their lag is then found by
-//! shifting them against springs of one stiffness everywhere, if it is no longer than a touch. Readings that come early look like those of a viscous object, and are
+//! A touch from free air to free air is a loop: whatever the force law, the arm gets no more work out of
+//! the object than it has put in. Late readings show more force on the way out than on the way in, as if it
+//! did. Their lag is then found by shifting them against springs of equal stiffness at all points, if it is
+//! no longer than a touch. Readings that come early look like those of a viscous object and are not
+//! reported.
 //! not told.
 
 use super::PipelineWarning;
@@ -16,8 +18,8 @@ const MOST_LAG: f64 = 1.0;
 const STEPS: usize = 50;
 /// A lag from which on it is told (s).
 const LEAST_LAG: f64 = 0.08;
-/// With half of it taken away, readings have to give so much of the work that springs would give with the other half. Of objects whose
-/// contact is not that of the model, such as a pad without friction, it is 0.4.
+/// With half of the lag removed, readings have to give this share of the work that springs would give with the other
+/// half. For objects whose contact is not that of the model, such as a pad without friction, it is 0.4.
 const LEAST_BY_WORK: f64 = 0.6;
 /// Share of what springs leave of the readings that they leave with the lag. On plants and soft bodies, with any effect of a
 /// diagnosis but latency, it is 0.89 and more.
@@ -28,7 +30,8 @@ const LEAST_SHARE: f64 = 0.75;
 const LEAST_SAMPLES: usize = 16;
 const MOST_SAMPLES: usize = 20_000;
 
-/// Readings that give more work than was put in, and fit the touches far better some time later.
+/// Reports readings that give back more work than was put in, and that fit the touches far better when
+/// taken some time later.
 pub fn warning(traces: &[Trace], springs: &[Springs]) -> Option<PipelineWarning> {
     let lagging = Lagging::new(traces, springs);
     let step = MOST_LAG / STEPS as f64;
@@ -75,8 +78,8 @@ impl<'a> Lagging<'a> {
         }
     }
 
-    /// Work that is gained with readings of some time later (s), per work that springs of a stiffness (N/m) would give that come so
-    /// much later; `None` where too few touches begin and end in free air, or too few of them gain any.
+    /// Work gained with readings taken `lag` (s) later, relative to the work that springs of a stiffness (N/m) would give
+    /// with that lag. `None` if too few touches begin and end in free air, or too few of them gain any.
     fn by_work(&self, lag: f64, stiffness: f64) -> Option<f64> {
         let (mut gained, mut expected) = (0.0, 0.0);
         let (mut loops, mut late, mut samples) = (0_u32, 0_u32, 0);
@@ -100,8 +103,8 @@ impl<'a> Lagging<'a> {
         tells.then_some(gained / (stiffness * expected))
     }
 
-    /// What springs give beside what is read so much later (s), the same samples for every lag, without the mean of either at each
-    /// joint. What would come after the end is as in the end.
+    /// Likeness of readings taken `lag` (s) later and springs, on the same samples for every lag, with the means of both
+    /// removed at each joint. Beyond the end, the last reading is repeated.
     fn at(&self, lag: f64) -> Likeness {
         let mut likeness = Likeness::default();
         for ((trace, springs), step) in self.traces.iter().zip(self.springs).zip(&self.steps) {
@@ -140,8 +143,8 @@ fn loops_of(trace: &Trace) -> Vec<Range<usize>> {
     found
 }
 
-/// Work that the arm does on the object along a loop, per what springs of 1 N/m do, if `torque` is that of a row and a joint. A constant
-/// does none.
+/// Work that the arm does on the object along a loop, relative to the work of springs of 1 N/m. `torque` gives the
+/// torque of a row and a joint. A constant torque does none.
 fn work(springs: &[Vec<f64>], rows: Range<usize>, torque: impl Fn(usize, usize) -> f64) -> f64 {
     let mut work = 0.0;
     for (row, ends) in rows.clone().zip(springs[rows].windows(2)) {

@@ -1,4 +1,4 @@
-//! Samples whose readings were lost, or held from the one before.
+//! Samples whose readings were lost, or repeated from the one before.
 
 use super::PipelineWarning;
 use super::sensors::{LEAST_DROP, LEAST_ROWS, runs};
@@ -8,8 +8,8 @@ use vsf_data::Sequence;
 const LEAST_TWICE: usize = 10;
 const LEAST_SHARE: f64 = 0.2;
 
-/// Rows in which all joints read exactly zero, between rows in which they read much; more of them in a row are those of a
-/// frozen sensor.
+/// Reports rows in which all joints read exactly zero, between rows with large readings. Longer runs of
+/// zeros belong to a frozen sensor.
 pub fn zeros(sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let mut found = sequences
         .iter()
@@ -40,7 +40,7 @@ fn lost(sequence: &Sequence) -> Vec<usize> {
     lost.flat_map(|(rows, _)| rows).collect()
 }
 
-/// Sequences of which many samples repeat the one before to the last digit.
+/// Reports sequences in which many samples repeat the one before to the last digit.
 pub fn repeated(sequences: &[&Sequence]) -> Option<PipelineWarning> {
     let mut found = sequences.iter().filter_map(|s| Some((s, repeats(s)?)));
     let (sequence, count) = found.next()?;

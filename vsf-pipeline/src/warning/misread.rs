@@ -1,5 +1,6 @@
-//! What is read where nothing is touched, beside the torques of the arm alone: readings of the actuators with other signs, in another
-//! order, or of another scale, and gravity that is left in readings, or taken off them twice.
+//! Compares readings where nothing is touched with the rigid-body torques of the arm: actuator readings
+//! with other signs, in another order, or of another scale, and gravity that was left in readings or
+//! removed twice.
 
 use super::PipelineWarning;
 use super::air::LEAST_FREE;
@@ -9,8 +10,8 @@ use crate::{Scene, Trace};
 use nalgebra::DMatrix;
 use vsf_data::{Table, TorqueKind};
 
-/// Readings in the air that are at least so much like the torques of gravity, and within a factor of their
-/// size, are these. A payload is like them too, but smaller.
+/// Correlation from which readings in the air count as torques of gravity, if their size agrees within a
+/// factor. A payload correlates too, but is smaller.
 pub const GRAVITY_CORRELATION: f64 = 0.95;
 pub const GRAVITY_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Readings of the actuators of the other sign leave twice the torques of gravity.
@@ -24,7 +25,7 @@ fn in_air<'a>(rigid: &'a Table, trace: &'a Trace) -> impl Iterator<Item = (&'a [
         .map(|(o, rigid)| (o.reading(), rigid))
 }
 
-/// Readings that hold the weight of the arm, or hold it twice.
+/// Reports readings that contain the weight of the arm, or contain it twice.
 pub fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
     let mut likeness = Likeness::default();
     let sequences = rigid.iter().zip(traces);
@@ -48,8 +49,8 @@ pub fn gravity_left(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<
     }
 }
 
-/// A sequence whose readings, alone, have other signs or another scale than weight and motion of the arm ask for, or hold
-/// its weight. Of a robot with one joint any offset may look so.
+/// Reports a single sequence whose readings have other signs or another scale than weight and motion of the
+/// arm require, or contain its weight. For a robot with one joint any offset may look like this.
 pub fn one(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
     if scene.robot().joint_count() < 2 {
         return None;
@@ -65,7 +66,7 @@ pub fn one(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineW
     rigid.iter().zip(traces).find_map(told)
 }
 
-/// Two warnings, the one first whose convention leaves less.
+/// Orders two warnings: first the one whose convention leaves less unexplained.
 pub fn less_left(
     a: Option<PipelineWarning>,
     b: Option<PipelineWarning>,
@@ -94,7 +95,8 @@ fn share_left(warning: Option<&PipelineWarning>) -> f64 {
     }
 }
 
-/// Readings of the actuators with other signs, in another order, or of another scale, than weight and motion of the arm ask for.
+/// Reports actuator readings with other signs, in another order, or of another scale than weight and motion
+/// of the arm require.
 pub fn all(scene: &Scene, rigid: &[Table], traces: &[Trace]) -> Option<PipelineWarning> {
     if scene.torque_kind() != TorqueKind::Measured {
         return None;

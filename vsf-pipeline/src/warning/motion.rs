@@ -13,9 +13,11 @@ const MOST_TURNING: f64 = 15.0;
 const MOST_TURNS: f64 = 4.0 * PI;
 const MOST_BEYOND: f64 = PI;
 
-/// What looks wrong with the joint positions and velocities: degrees, positions outside the robot's limits,
-/// jumps, missing samples, velocities that are not how fast positions change. Of sequences that [`Sequence::check`] refuses, or
-/// with other joints than the robot's, only that.
+/// Checks the joint positions and velocities.
+///
+/// Reports degrees, positions outside the robot's limits, jumps, missing samples, and velocities that
+/// contradict the change of positions. If [`Sequence::check`] refuses a sequence, or if it has other joints
+/// than the robot, only that is reported.
 pub fn motion_warnings(robot: &RobotModel, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
     let checked = |s: &&Sequence| (s.id.clone(), check_sequence(robot, s));
     let malformed = malformed(sequences.iter().map(checked));

@@ -1,8 +1,8 @@
-//! Other conventions of a table of readings: signs of its columns, and their order.
+//! Other conventions of a table of readings: signs and order of its columns.
 
 use vsf_robots::Joint;
 
-/// The column that each joint takes, and with which sign.
+/// For each joint, its column and the sign of that column.
 pub type Columns = Vec<(usize, f64)>;
 
 pub fn as_given(joints: usize) -> Columns {
@@ -13,10 +13,10 @@ pub fn with_signs(signs: &[f64]) -> Columns {
     signs.iter().copied().enumerate().collect()
 }
 
-/// How columns may have come into another order.
+/// How the order of columns may have been changed.
 pub enum Order {
     Reversed,
-    /// So many columns of the end stand at the start.
+    /// This many columns moved from the end to the start.
     Turned(usize),
     Exchanged(usize, usize),
 }
@@ -32,7 +32,7 @@ impl Order {
     }
 }
 
-/// Such orders, each once, with the column that each joint then takes.
+/// All such orders, each once, with the column that each joint then takes.
 pub fn orders(joints: usize) -> impl Iterator<Item = (Order, Columns)> {
     let with = move |change: &dyn Fn(&mut Columns)| {
         let mut columns = as_given(joints);

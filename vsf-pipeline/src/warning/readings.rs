@@ -12,11 +12,13 @@ use vsf_data::{Derivatives, Sequence, Table};
 /// The finest joint torque sensors resolve a thousand times this (N m or N).
 const LEAST_READING: f64 = 1e-6;
 
-/// What looks wrong with the readings: torques of another unit, of the other sign, in another order, of another gravity,
-/// with gravity or offsets left in them, single ones that are far off, sensors that are stuck, dead, frozen or
-/// saturated, tare samples that are no rest. Where all are zero, as of planned motions, only what does not depend on
-/// them. `traces` are those of `sequences`, in their order. Of sequences that [`Sequence::check`] refuses, with other
-/// joints than the robot's, and of traces that [`Trace::check`] refuses, only that.
+/// Checks the readings. `traces` are those of `sequences`, in their order.
+///
+/// Reports torques of another unit, of the other sign, in another order, or of another gravity, gravity or
+/// offsets left in them, single outliers, sensors that are stuck, dead, frozen or saturated, and tare
+/// samples that are not at rest. If all readings are zero, as for planned motions, only what does not
+/// depend on them is reported. If [`Sequence::check`] refuses a sequence, if it has other joints than the
+/// robot, or if [`Trace::check`] refuses a trace, only that is reported.
 pub fn reading_warnings(
     scene: &Scene,
     sequences: &[&Sequence],

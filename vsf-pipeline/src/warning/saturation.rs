@@ -1,4 +1,4 @@
-//! Sensors that read no more from a level on, though noise is added to it.
+//! Detects saturated sensors: readings that stop at a level, with noise on top.
 
 use super::PipelineWarning;
 use super::sensors::{LEAST_CHANGE, range, runs};
@@ -25,13 +25,13 @@ const LEAST_INSIDE: f64 = 0.05;
 pub struct Saturation {
     /// Index of the joint.
     pub joint: usize,
-    /// The level (N m or N), of either sign, as the traces have it: relative to the tare.
+    /// The level (N m or N), of either sign, in the units of the traces: relative to the tare.
     pub level: f64,
     /// Number of readings at the level.
     pub count: usize,
-    /// Index of the trace of the first one.
+    /// Index of the trace with the first such reading.
     pub trace: usize,
-    /// Its row.
+    /// Row of the first such reading.
     pub row: usize,
 }
 
@@ -50,9 +50,12 @@ impl Saturation {
     }
 }
 
-/// Joints whose readings, as those of the environment, stay within noise of the end of their range, sample after sample and in
-/// two touches that differ, while the touch goes on to change: by a fifth, at least, of the range of the torques of springs of
-/// one stiffness. One at most for each joint and sign. Time and memory grow with the number of samples.
+/// Finds joints whose readings saturate: they stay within noise of the end of their range while the touch
+/// continues to change.
+///
+/// They must do so sample after sample, and in two different touches. Meanwhile the torques of springs of
+/// equal stiffness must change by at least a fifth of their range. Readings are torques of the environment.
+/// At most one level is reported per joint and sign. Time and memory grow with the number of samples.
 pub fn saturated_joints(traces: &[Trace]) -> Vec<Saturation> {
     saturated(traces, &springs(traces))
 }

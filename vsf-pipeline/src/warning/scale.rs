@@ -1,5 +1,5 @@
-//! Scale and sign of the readings in contact of each sequence beside those of the others, by the one stiffness that explains
-//! it best.
+//! Compares scale and sign of the readings in contact between sequences, by the single stiffness that
+//! explains each sequence best.
 
 use super::PipelineWarning;
 use super::springs::{Likeness, Springs};
@@ -11,7 +11,7 @@ const MOST_TIMES: f64 = 100.0;
 const LEAST_CONTACT: usize = 8;
 const ALIKE: f64 = 0.5;
 
-/// The first sequence whose readings in contact are of another unit, or of another sign, than those of most.
+/// Reports the first sequence whose readings in contact have another unit or sign than those of most.
 pub fn warning(traces: &[Trace], springs: &[Springs]) -> Option<PipelineWarning> {
     let told: Vec<Told> = traces.iter().zip(springs).filter_map(Told::of).collect();
     let mut by_size: Vec<&Told> = told.iter().collect();

@@ -24,7 +24,7 @@ const MOST_CLUSTERED: f64 = 20.0;
 /// Pixels of cameras are square, but for this factor.
 const MOST_OBLONG: f64 = 1.2;
 
-/// What looks wrong with a view: intrinsics that no camera has, a surface where there are no rest points.
+/// Checks a view: reports intrinsics that no camera has and a surface where there are no rest points.
 pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning> {
     let (points, reach) = (rest.len(), rest.spacing());
     let on_surface = |p: &&Point3<f64>| matches!(view.sight(p), Sight::Surface { behind, .. } if behind.abs() <= reach);
@@ -50,8 +50,11 @@ pub fn view_warnings(rest: &RestPoints, view: &RgbdView) -> Vec<PipelineWarning>
         .collect()
 }
 
-/// What looks wrong with robot, points and the shapes that contact uses: words of a URDF that are not understood, points in
-/// clusters, links and objects of another unit of length, points that are touched from afar, meshes with faces turned over or sides that are a guess.
+/// Checks robot, points and the shapes that contact uses.
+///
+/// Reports words of a URDF that are not understood, points in clusters, links and objects in another unit
+/// of length, points that are touched from afar, and meshes with flipped faces or with sides that can only
+/// be guessed.
 pub fn scene_warnings(scene: &Scene) -> Vec<PipelineWarning> {
     let odd = |link: &LinkSdf| {
         let (low, high) = link.sdf.bounds();

@@ -34,7 +34,8 @@ struct Touched<'a> {
 /// Rows of a sequence in which a joint reads one value.
 type Run<'a> = (&'a Sequence, Range<usize>, f64);
 
-/// Joints whose readings stay at one value while touch changes: over a sequence, or at the end of their range.
+/// Reports joints whose readings stay at one value while touch changes: over a sequence, or at the end of
+/// their range.
 pub fn warnings(
     scene: &Scene,
     sequences: &[&Sequence],

@@ -1,4 +1,4 @@
-//! Readings in a few rows that are far larger than all others, and than those around them.
+//! Readings in a few rows that are far larger than all others and than those around them.
 
 use super::PipelineWarning;
 use super::sensors::range;
@@ -24,7 +24,8 @@ struct Spike {
     beside: f64,
 }
 
-/// The first spike, and how many rows there are. What begins or ends a touch is none, nor is a touch of a few rows.
+/// Reports the first spike, and how many rows there are. The beginning or end of a touch does not count,
+/// nor does a touch of a few rows.
 pub fn warning(
     scene: &Scene,
     sequences: &[&Sequence],

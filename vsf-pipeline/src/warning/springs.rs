@@ -1,12 +1,12 @@
-//! Springs of one stiffness everywhere: what readings in contact are compared with.
+//! Springs of equal stiffness at all points, to compare readings in contact with.
 
 use crate::Trace;
 use vsf_core::Observation;
 
-/// The torques of springs of 1 N/m at every point that is touched: of each sample a row, of each joint a column.
+/// The torques of springs of 1 N/m at every touched point: one row per sample, one column per joint.
 pub type Springs = Vec<Vec<f64>>;
 
-/// Those of each trace.
+/// Computes these torques for each trace.
 pub fn springs(traces: &[Trace]) -> Vec<Springs> {
     let of_joint = |o: &Observation<f64>, j| o.row(j).iter().sum();
     let of = |o: &Observation<f64>| (0..o.dim()).map(|j| of_joint(o, j)).collect();
@@ -14,7 +14,7 @@ pub fn springs(traces: &[Trace]) -> Vec<Springs> {
     traces.iter().map(of_trace).collect()
 }
 
-/// Inner products of readings with what they are compared to.
+/// Inner products of readings and what they are compared with.
 #[derive(Default)]
 pub struct Likeness {
     readings: f64,
@@ -29,12 +29,12 @@ impl Likeness {
         self.others += other * other;
     }
 
-    /// Readings per other, by least squares.
+    /// Slope of the readings against the other quantity, by least squares.
     pub fn slope(&self) -> f64 {
         self.both / self.others
     }
 
-    /// Cosine of the angle between them, NaN where one is zero.
+    /// Cosine of the angle between both; NaN if one is zero.
     pub fn correlation(&self) -> f64 {
         self.both / (self.readings * self.others).sqrt()
     }

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use vsf_core::{ContactModel, Contacts};
 use vsf_data::Sequence;
 
-/// Touches that begin inside of the object. Of sequences that [`Sequence::check`] refuses, or with other joints than the
-/// robot's, only that.
+/// Reports touches that begin inside of the object. If [`Sequence::check`] refuses a sequence, or if it has
+/// other joints than the robot, only that is reported.
 pub fn touch_warnings(scene: &Scene, sequences: &[&Sequence]) -> Vec<PipelineWarning> {
     let checked = |s: &&Sequence| (s.id.clone(), check_sequence(scene.robot(), s));
     let malformed = malformed(sequences.iter().map(checked));

@@ -1,4 +1,4 @@
-//! The samples that readings are tared with: at rest, and in free air.
+//! Checks the samples that tare the readings: they should be at rest and in free air.
 
 use super::{PipelineWarning, energy};
 use crate::{Scene, Trace};
@@ -6,7 +6,7 @@ use crate::{Scene, Trace};
 /// Tare samples that spread by more than this share of the touch itself are no rest.
 const MOST_SPREAD: f64 = 0.25;
 
-/// What looks wrong with them: the first sequence of either kind, and how many others there are.
+/// Reports what looks wrong with them: for each kind the first sequence, and how many others there are.
 pub fn warnings(scene: &Scene, traces: &[Trace]) -> Vec<PipelineWarning> {
     [in_contact, spread]
         .into_iter()

@@ -1,4 +1,4 @@
-//! Touches that are felt where none of the object's points are: whole sequences of them, and parts.
+//! Touches that are felt where the object has no points: whole sequences, and parts of them.
 
 use super::PipelineWarning;
 use crate::{Scene, Trace};

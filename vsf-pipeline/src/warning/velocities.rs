@@ -20,7 +20,7 @@ const FOLLOWS: f64 = 0.9;
 const MOST: f64 = 1.5;
 const MOST_ALONE: f64 = 3.0;
 
-/// Velocities that are not how fast positions change, of all sequences or of one.
+/// Reports velocities that contradict the change of positions, in all sequences or in one.
 pub fn warning(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
     let alone = |s: &Cow<'_, Sequence>| {
         let found = odd(robot, std::slice::from_ref(s), MOST_ALONE)?;
@@ -44,7 +44,7 @@ fn odd(robot: &RobotModel, sequences: &[Cow<'_, Sequence>], most: f64) -> Option
     })
 }
 
-/// Joints whose positions stay while they move by their velocities.
+/// Reports joints whose positions stay constant while their velocities say that they move.
 pub fn still(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
     let is_still = |(j, _): &(usize, &vsf_robots::Joint)| {
         let moves: Vec<_> = sequences.iter().flat_map(|s| moves(s, *j)).collect();
@@ -125,7 +125,7 @@ fn follows(moves: &[(f64, f64)]) -> bool {
     both > FOLLOWS * (ways * integrals).sqrt()
 }
 
-/// What such a factor is likely to come from.
+/// The likely cause of such a factor.
 pub fn cause(factor: f64) -> &'static str {
     let is = |other: f64| (factor / other - 1.0).abs() < 0.1;
     let degree = 1f64.to_radians();

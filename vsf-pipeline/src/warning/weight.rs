@@ -1,5 +1,5 @@
-//! Signs, columns and scales of readings of the actuators: those under which weight and motion of the arm explain them
-//! best where nothing is touched.
+//! Signs, columns and scales of actuator readings: finds those under which weight and motion of the arm
+//! explain the readings best where nothing is touched.
 
 use super::PipelineWarning;
 use super::misread::GRAVITY_CORRELATION;
@@ -19,8 +19,8 @@ const MOST_SCALE: f64 = 3.0;
 /// Squared differences below this share of the squares that they are of are rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// How readings vary where nothing is touched, beside the torques of the arm alone. What is constant in a sequence does not
-/// count: it may be an offset, and an arm at rest says nothing of signs.
+/// Variation of readings and of the arm's rigid-body torques where nothing is touched. What is constant in
+/// a sequence is ignored: it may be an offset, and an arm at rest says nothing about signs.
 pub struct Weighed {
     count: usize,
     /// Sums of squares of the readings, by column, and of the torques, by joint, about their means.
@@ -40,7 +40,7 @@ impl Weighed {
         }
     }
 
-    /// Takes a sequence in: readings and torques of the arm alone, a row for every sample.
+    /// Adds a sequence: readings and rigid-body torques, one row per sample.
     pub fn add(&mut self, readings: &DMatrix<f64>, rigid: &DMatrix<f64>) {
         if readings.nrows() == 0 {
             return;
@@ -56,7 +56,7 @@ impl Weighed {
         self.both += rigid.transpose() * readings;
     }
 
-    /// How many samples.
+    /// Number of samples.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -79,7 +79,7 @@ impl Weighed {
         self.rigid[j] > LEAST_WEIGHT * LEAST_WEIGHT * self.largest_alike(joints, j)
     }
 
-    /// Joints' torques of another scale.
+    /// Reports joints whose torques have another scale.
     pub fn scaled(&self, joints: &[Joint]) -> Option<PipelineWarning> {
         let of_joint = |j: usize| {
             let both = self.both[(j, j)];
@@ -108,7 +108,8 @@ impl Weighed {
         })
     }
 
-    /// Some joints' torques of the wrong sign, not those of all that tell; or columns in the wrong order.
+    /// Reports torques of the wrong sign, of some of the joints that show it but not of all; or columns in
+    /// the wrong order.
     pub fn warning(&self, joints: &[Joint]) -> Option<PipelineWarning> {
         let scales: Vec<f64> = (0..joints.len())
             .map(|j| self.largest_alike(joints, j))

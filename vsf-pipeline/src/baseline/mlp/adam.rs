@@ -1,5 +1,5 @@
-/// Adam, with the step sizes and decay rates of its authors: D. P. Kingma, J. Ba, *Adam: a method
-/// for stochastic optimization*, ICLR 2015, arXiv:1412.6980, algorithm 1.
+/// The Adam optimizer, with the step sizes and decay rates of its authors: D. P. Kingma, J. Ba, *Adam: a
+/// method for stochastic optimization*, ICLR 2015, arXiv:1412.6980, algorithm 1.
 pub struct Adam {
     mean: Vec<f64>,
     square: Vec<f64>,
@@ -12,7 +12,7 @@ const SQUARE_DECAY: f64 = 0.999;
 const EPSILON: f64 = 1e-8;
 
 impl Adam {
-    /// For `parameters` numbers.
+    /// Creates an optimizer of `parameters` numbers.
     pub fn new(parameters: usize) -> Self {
         Self {
             mean: vec![0.0; parameters],

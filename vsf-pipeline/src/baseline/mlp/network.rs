@@ -4,9 +4,9 @@ use rand_pcg::Pcg64Mcg;
 
 /// Fully connected layers, with `tanh` after every one but the last.
 ///
-/// The parameters of all layers lie in one vector, each layer's weights (outputs x inputs, column
-/// by column) before its biases, so that an optimizer need not know of layers. Inputs, targets and
-/// outputs are matrices with one column per sample.
+/// The parameters of all layers lie in one vector, so that an optimizer need not know of layers. The
+/// weights of a layer (outputs x inputs, column by column) precede its biases. Inputs, targets and outputs
+/// are matrices with one column per sample.
 #[derive(Clone)]
 pub struct Network {
     layers: Vec<Layer>,
@@ -41,8 +41,8 @@ impl Layer {
 }
 
 impl Network {
-    /// A network whose layers have these numbers of values, inputs first. Weights are drawn with
-    /// the variance `1 / inputs`, which keeps units off saturation; biases are 0.
+    /// Creates a network with the given layer widths, inputs first. Weights are drawn with the variance
+    /// `1 / inputs`, which keeps units from saturating; biases are 0.
     pub fn new(widths: &[usize], random: &mut Pcg64Mcg) -> Self {
         let mut layers: Vec<Layer> = Vec::new();
         let mut parameters = Vec::new();
@@ -89,7 +89,7 @@ impl Network {
         0.5 * error.norm_squared() / targets.ncols().max(1) as f64
     }
 
-    /// Gradient of [`Network::loss`] by the parameters, by back-propagation.
+    /// Gradient of [`Network::loss`] with respect to the parameters, by back-propagation.
     pub fn gradient(&self, inputs: &DMatrix<f64>, targets: &DMatrix<f64>) -> Vec<f64> {
         let values = self.values(inputs);
         let mut gradient = vec![0.0; self.parameters.len()];
