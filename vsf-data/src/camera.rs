@@ -12,7 +12,7 @@ use std::path::Path;
 const CONVENTION: &str = "opencv: x right, y down, z forward";
 /// Larger images are refused before memory is reserved for them.
 const MAX_PIXELS: u64 = 1 << 26;
-/// What a pinhole camera may have (pixels), and how deep a unit may be (m), far beyond any that there is.
+/// Ranges far beyond any real camera: pinhole parameters (pixels), and meters per unit of depth.
 const FOCAL_LENGTHS: RangeInclusive<f64> = 1e-3..=1e6;
 const CENTERS: RangeInclusive<f64> = -1e6..=1e6;
 const DEPTH_SCALES: RangeInclusive<f64> = 1e-9..=1e3;
@@ -24,16 +24,16 @@ pub struct CameraView {
     pub width: u32,
     /// Height of both images \[pixels\]; at most 2^26 pixels in all.
     pub height: u32,
-    /// Red, green, blue, row by row from the top left; 3 bytes a pixel.
+    /// Red, green and blue, 3 bytes per pixel, row by row from the top left.
     pub color: Vec<u8>,
-    /// Depth along z, row by row; meters = value * [`depth_scale`](Self::depth_scale), 0 means no
+    /// Depth along z, row by row. The depth in meters is the value times [`depth_scale`](Self::depth_scale); 0 means no
     /// return.
     pub depth: Vec<u16>,
     /// Focal length in x \[pixels\], 1e-3 to 1e6.
     pub fx: f64,
     /// Focal length in y \[pixels\], 1e-3 to 1e6.
     pub fy: f64,
-    /// Principal point in x \[pixels\]; the center of the first pixel is 0; within 1e6.
+    /// Principal point in x \[pixels\], within 1e6. The center of the first pixel is 0.
     pub cx: f64,
     /// Principal point in y \[pixels\], within 1e6.
     pub cy: f64,
@@ -62,11 +62,11 @@ struct Raw {
 }
 
 impl CameraView {
-    /// Reads `color.png` (8-bit RGB), `depth.png` (16-bit gray) and `camera.json` of a folder.
+    /// Reads `color.png` (8-bit RGB), `depth.png` (16-bit gray) and `camera.json` from a folder.
     ///
     /// # Errors
-    /// A missing or damaged file, images of another kind or size, values without meaning, a
-    /// `world_from_camera` that is not rigid, axes other than OpenCV's.
+    /// A missing or damaged file; images of another kind or size; values without meaning; a `world_from_camera` that is not
+    /// rigid; axes other than OpenCV's.
     pub fn open(folder: impl AsRef<Path>) -> Result<(Self, Vec<DataWarning>), DataError> {
         let folder = folder.as_ref();
         let path = folder.join("camera.json");
@@ -107,10 +107,10 @@ impl CameraView {
         Ok((view, warnings))
     }
 
-    /// Writes the three files, all or none, creating the folder if need be.
+    /// Writes the three files, all or none. Creates the folder if it does not exist.
     ///
     /// # Errors
-    /// Values or sizes that [`open`](Self::open) would refuse, [`DataError::Io`].
+    /// Values or sizes that [`open`](Self::open) would refuse; [`DataError::Io`].
     pub fn save(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
         let mut staged = Staged::below(folder.as_ref())?;
         self.stage(folder.as_ref(), &mut staged)?;

@@ -1,4 +1,4 @@
-//! What the format promises about a data set, checked on the way in and on the way out.
+//! Checks of what the format promises about a data set, on reading and on writing.
 
 use crate::dataset::{CAMERA, FIELD, POINTS, sequence_ids_or_none, stored_field};
 use crate::{Attachment, DataError, DataWarning, Dataset, Overrides, Sequence, Splits, Table};
@@ -9,23 +9,23 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// How far outside `object_bbox` a point may lie without a warning, in meters: rounding to f32.
+/// How far outside `object_bbox` a point may lie without a warning \[m\]: rounding to f32.
 const BOX_SLACK: f64 = 1e-6;
-/// What a joint state is sampled at (Hz): times that follow from it are numbers.
+/// Sample rates of joint states that are accepted (Hz), for which time stamps are finite numbers.
 const RATES: RangeInclusive<f64> = 1e-6..=1e9;
-/// Steps between samples, times the stated rate, that are of that rate: of one sequence among others, which share one
-/// rate, and where the steps of none are any closer to it.
+/// Values of the step between samples times the stated rate that agree with that rate: the first range if some sequence
+/// lies within the second one, otherwise the second.
 const SAME_RATE: RangeInclusive<f64> = 0.5..=2.0;
 const ANY_OF_RATE: RangeInclusive<f64> = 1.0 / 1.2..=1.2;
-/// No robot stands where bodies fall faster (m/s²).
+/// Largest gravity that is accepted (m/s²).
 const MOST_GRAVITY: f64 = 100.0;
 
 impl Dataset {
-    /// Checks everything the format promises, as [`open`](Self::open) does: every sequence
-    /// ([`Sequence::check`]), IDs and splits, metadata, points, field and camera.
+    /// Checks everything that the format promises, as [`open`](Self::open) does: every sequence ([`Sequence::check`]), IDs
+    /// and splits, metadata, points, field and camera.
     ///
     /// # Errors
-    /// What is wrong, by the file that [`save`](Self::save) would write, in the folder `.`.
+    /// The first problem. It names the file that [`save`](Self::save) would write, in the folder `.`.
     ///
     /// ```
     /// # use vsf_data::{Dataset, RobotRef, Sequence, Table};
@@ -43,7 +43,7 @@ impl Dataset {
         self.check_in(Path::new("."))
     }
 
-    /// [`check`](Self::check) that names files below `dir`.
+    /// [`check`](Self::check), with files named below `dir`.
     pub(crate) fn check_in(&self, dir: &Path) -> Result<(), DataError> {
         let path = dir.join(metadata::FILE);
         check_metadata(dir, &self.metadata())?;
@@ -197,7 +197,7 @@ impl Dataset {
         warnings
     }
 
-    /// Sequences that were over before the one named before them began.
+    /// Sequences that were over before a sequence began whose name comes earlier.
     fn earlier_sequences(&self, dir: &Path) -> Option<DataWarning> {
         let earlier = |pair: &&[Sequence]| {
             let (begin, end) = (pair[0].time.first(), pair[1].time.last());
@@ -213,8 +213,8 @@ impl Dataset {
         })
     }
 
-    /// Sequences of the same numbers, test sequences of the very angles of train sequences, and torques that come again
-    /// with other angles; planned motions, of zero torque, may repeat.
+    /// Copied sequences: sequences with the same numbers, test sequences with exactly the angles of train sequences, and
+    /// sequences with the torques of others but other angles. Planned motions, with zero torque, may repeat.
     fn copied_sequences(&self, dir: &Path) -> Vec<DataWarning> {
         let measured = |s: &&Sequence| s.torques.data().iter().any(|v| *v != 0.0);
         let (train, test) = (&self.splits.train, &self.splits.test);
@@ -281,7 +281,7 @@ impl Dataset {
             .collect()
     }
 
-    /// Time stamps that are not those of `rate_hz`.
+    /// Sequences whose time stamps do not agree with `rate_hz`.
     fn other_rate(&self, dir: &Path) -> Option<DataWarning> {
         let rate_hz = self.rate_hz?;
         let step = |s: &Sequence| {
@@ -307,7 +307,7 @@ impl Dataset {
         })
     }
 
-    /// Rest points in the very place of others.
+    /// Rest points at exactly the position of others.
     fn repeated_points(&self, dir: &Path) -> Option<DataWarning> {
         let points = self.rest_points.as_ref()?;
         // Zero has two signs.
@@ -356,12 +356,12 @@ impl Dataset {
     }
 }
 
-/// Sequences by the bits of one of their tables.
+/// Sequences by a hash of one of their tables.
 #[derive(Default)]
 struct Alike<'a>(HashMap<u64, Vec<&'a Sequence>>);
 
 impl<'a> Alike<'a> {
-    /// Those before `s` with the same table.
+    /// Earlier sequences with the same table as `s`.
     fn before(
         &mut self,
         s: &'a Sequence,
@@ -378,7 +378,7 @@ impl<'a> Alike<'a> {
     }
 }
 
-/// Values that have the right type and still no meaning.
+/// Checks values that have the right type but may have no meaning.
 pub(crate) fn check_metadata(dir: &Path, metadata: &Overrides) -> Result<(), DataError> {
     let wrong = |key, problem: String| DataError::Metadata {
         path: dir.join(metadata::FILE),

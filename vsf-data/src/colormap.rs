@@ -1,6 +1,6 @@
 use crate::DataError;
 
-/// Dark violet to yellow, as bright as high: anchors of matplotlib's "viridis" (CC0).
+/// Anchors of matplotlib's "viridis" (CC0), dark violet to yellow: brighter means higher.
 const ANCHORS: [[f64; 3]; 10] = [
     [68.0, 1.0, 84.0],
     [72.0, 40.0, 120.0],
@@ -14,12 +14,13 @@ const ANCHORS: [[f64; 3]; 10] = [
     [253.0, 231.0, 37.0],
 ];
 
-/// The color of a value on a scale from 0 (dark violet) to 1 (yellow), as red, green, blue:
-/// linear between ten colors of the perceptually uniform map "viridis", which stays readable in
-/// gray and to the color-blind. Values outside take the color of the nearer end, NaN that of 0.
+/// The color of a value on a scale from 0 (dark violet) to 1 (yellow), as red, green, blue.
 ///
-/// Clouds in PLY and MCAP files are seen in viewers with a dark background: there what is stiff has to be bright.
-/// Pictures and pages are on white paper, where `vsf_plot::stiffness_color` makes it dark.
+/// Interpolates linearly between ten colors of the perceptually uniform map "viridis", which stays readable in gray and for
+/// the color-blind. Values outside the scale take the color of the nearer end, NaN that of 0.
+///
+/// Stiff points are bright, since viewers show PLY and MCAP clouds on a dark background. In pictures and pages, on white
+/// paper, `vsf_plot::stiffness_color` makes them dark.
 ///
 /// ```
 /// assert_eq!(vsf_data::color(0.0), [68, 1, 84]);
@@ -35,15 +36,15 @@ pub fn color(value: f64) -> [u8; 3] {
     [0, 1, 2].map(|k| mix(k).round() as u8)
 }
 
-/// How the stiffness of a field is colored.
+/// Color scale of a field.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scale {
-    /// Stiffness of the brightest color [N/m]; 0 where there is none anywhere.
+    /// Stiffness of the brightest color [N/m]; 0 if there is no stiffness anywhere.
     pub full: f64,
 }
 
 impl Scale {
-    /// Up to the given stiffness, by default up to the largest.
+    /// Up to the given stiffness; by default up to the largest one.
     pub fn new(stiffness: &[f64], given: Option<f64>) -> Result<Self, DataError> {
         if let Some(value) = given.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(DataError::Argument {

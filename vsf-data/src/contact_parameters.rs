@@ -5,26 +5,29 @@ use std::path::Path;
 /// Their name in files.
 const KEY: &str = "contact_parameters";
 
-/// Parameters of contact that a field was estimated, or a corrected model found, with. A field makes up for the contact
-/// that it was learned through: predicted through another, torques err by its share of the difference.
+/// Contact parameters with which a field was estimated or a corrected model found.
+///
+/// A field compensates for errors of the contact that it was learned with. Predicted with another contact, torques err by
+/// the field's share of the difference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object of parameters")]
 pub struct ContactParameters {
-    /// Contact threshold delta \[m\], > 0. Lengths of this struct are 1 m at most, positive ones 1e-9 m at least.
+    /// Contact threshold delta \[m\], > 0. All lengths of this struct are at most 1 m, and positive ones at least 1e-9 m.
     pub threshold: f64,
     /// Friction coefficient, >= 0.
     pub friction: f64,
-    /// Slip of one iteration \[m\], > 0.
+    /// Slip per iteration \[m\], > 0.
     pub slip_step: f64,
-    /// Most slip iterations of a point in one step.
+    /// Most slip iterations per point and step.
     pub max_slip_iterations: u32,
     /// Offset of every link's surface \[m\], > `-threshold`.
     pub padding: f64,
     /// How far a point follows a link that leaves it \[m\], >= 0.
     pub adhesion: f64,
-    /// Sub-points per edge of the cube that a rest point stands for, 1 to 8; 1 are the points alone.
+    /// Sub-points per edge of the cube around a rest point, 1 to 8; with 1, only the points themselves.
     pub subdivision: usize,
-    /// Names of the links that may touch, each once and one at least; `None`, and no such key in a file, for all with collision shapes.
+    /// Names of the links that may touch, at least one and each once. `None` means all links with collision shapes; a file
+    /// then has no such key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links: Option<Vec<String>>,
 }
@@ -33,7 +36,7 @@ impl ContactParameters {
     /// Checks the ranges of all parameters.
     ///
     /// # Errors
-    /// [`DataError::Argument`], which names the first that is out of its range.
+    /// [`DataError::Argument`] with the first parameter that is out of range.
     pub fn check(&self) -> Result<(), DataError> {
         match self.problem() {
             Some(problem) => Err(DataError::Argument { what: KEY, problem }),
@@ -41,7 +44,7 @@ impl ContactParameters {
         }
     }
 
-    /// [`check`](Self::check) that names the file.
+    /// [`check`](Self::check), with the file named.
     pub(crate) fn check_in(&self, path: &Path) -> Result<(), DataError> {
         match self.problem() {
             Some(problem) => Err(DataError::Metadata {
@@ -53,7 +56,7 @@ impl ContactParameters {
         }
     }
 
-    /// The first parameter that is out of its range, and what that is.
+    /// The first parameter that is out of range, and the range.
     fn problem(&self) -> Option<String> {
         let length = |v: f64| (1e-9..=1.0).contains(&v);
         Some(if !length(self.threshold) {

@@ -12,44 +12,45 @@ pub(crate) const POINTS: &str = "points.npy";
 pub(crate) const FIELD: &str = "vsf.npz";
 pub(crate) const CAMERA: &str = "camera";
 
-/// One recording campaign of one object: a folder of touch sequences with its metadata.
+/// One recording campaign of one object: a folder of touch sequences with metadata.
 ///
-/// World frame z up, SI units, radians.
+/// The z axis of the world frame points up. Units are SI, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
-    /// Name; the folder's name by default.
+    /// Name; by default that of the folder.
     pub name: String,
     /// Free text.
     pub description: String,
-    /// The robot that touches.
+    /// The robot.
     pub robot: RobotRef,
     /// Meaning of the torque columns.
     pub torque_kind: TorqueKind,
     /// Sample rate \[Hz\], 1e-6 to 1e9; needed only for sequences without time stamps.
     pub rate_hz: Option<f64>,
-    /// Gravity [m/s^2], world frame; default (0, 0, -9.81), at most 100 long.
+    /// Gravity [m/s^2], world frame; default (0, 0, -9.81), length at most 100.
     pub gravity: Vector3<f64>,
     /// Pose of the robot's base in the world, `X_WB`; default identity, within ±1e6 m.
     pub base_pose: Isometry3<f64>,
-    /// Smallest and largest corner of the object's box \[m\], world frame.
+    /// Smallest and largest corner of the object's bounding box \[m\], world frame.
     pub object_bbox: Option<[Point3<f64>; 2]>,
-    /// Number of contact-free samples at the start of every sequence, which tare the torque
-    /// sensor: where external torques are used, their mean over these is taken off. The recording keeps its readings.
+    /// Number of contact-free samples at the start of every sequence, for taring the torque sensor.
+    ///
+    /// Where external torques are used, their mean over these samples is subtracted. The recording itself keeps its
+    /// readings.
     pub tare_samples: usize,
-    /// Which sequences train and which test.
+    /// Which sequences are for training and which for test.
     pub splits: Splits,
-    /// Joint names of the columns; `None`: the robot's chain order.
+    /// Joint names of the columns; `None` means the robot's chain order.
     pub joints: Option<Vec<String>>,
-    /// Joint types of the columns; `None`: as the URDF says.
+    /// Joint types of the columns; `None` means those of the URDF.
     pub joint_types: Option<Vec<JointType>>,
-    /// How the object holds on to the robot.
+    /// How the object is attached to the robot.
     pub attachment: Attachment,
     /// Rest length of a clamped specimen \[m\], positive.
     pub gauge_length: Option<f64>,
-    /// The command that has computed or converted the recording, such as `vsf simulate`; `None` for one that was
-    /// measured.
+    /// The command that computed or converted the recording, such as `vsf simulate`; `None` if it was measured.
     pub made_by: Option<String>,
-    /// The contact that its torques were computed in, if they were not measured.
+    /// The contact parameters that the torques were computed with, if they were not measured.
     pub contact: Option<ContactParameters>,
     /// Rest positions `p_i` \[m\], world frame.
     pub rest_points: Option<Vec<Point3<f64>>>,
@@ -57,14 +58,14 @@ pub struct Dataset {
     pub field: Option<StiffnessField>,
     /// One RGB-D view of the object before contact.
     pub camera: Option<CameraView>,
-    /// The touch sequences, at least one; `seq_2` comes before `seq_10`.
+    /// The touch sequences, at least one, in natural order: `seq_2` before `seq_10`.
     pub sequences: Vec<Sequence>,
-    /// Keys of `dataset.json` that this version does not know, with their values as JSON text.
-    /// They are written back by [`save`](Self::save).
+    /// Keys of `dataset.json` that this version does not know, with their values as JSON text. [`save`](Self::save) writes
+    /// them back.
     pub extra: BTreeMap<String, String>,
 }
 
-/// What a data set has beside its metadata.
+/// The parts of a data set beside its metadata.
 pub(crate) struct Parts {
     pub sequences: Vec<Sequence>,
     pub rest_points: Option<Vec<Point3<f64>>>,
@@ -73,11 +74,11 @@ pub(crate) struct Parts {
 }
 
 impl Dataset {
-    /// Folder in a recording for the files of its robot ([`save_with`](Self::save_with)).
+    /// Folder within a recording for the files of its robot ([`save_with`](Self::save_with)).
     pub const ROBOT: &str = "robot";
 
-    /// A recording in which all sequences train and all else is at its default: external torques of a
-    /// robot at the origin of the world, nothing known of the object.
+    /// A recording with default metadata: all sequences are for training, torques are external, the robot is at the origin
+    /// of the world, and nothing is known about the object.
     ///
     /// ```
     /// use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
@@ -122,11 +123,11 @@ impl Dataset {
         }
     }
 
-    /// Reads the folder `dir`. What `overrides` sets goes before what `dataset.json` says.
+    /// Reads the folder `dir`. `overrides` take precedence over `dataset.json`.
     ///
-    /// Nothing is repaired, shortened or filled in: a folder that is not as the format says is an
-    /// error. An ID in both splits is an error, as is an ID listed twice. `splits` that lists only
-    /// one of `train` and `test` leaves the other empty; without `splits` every sequence trains.
+    /// Nothing is repaired, shortened or filled in: a folder that does not follow the format is an error. So is an ID in
+    /// both splits, or listed twice. If `splits` lists only one of `train` and `test`, the other is empty; without
+    /// `splits`, every sequence is for training.
     ///
     /// # Errors
     /// Any [`DataError`]; it names file, sequence and row.
@@ -185,7 +186,7 @@ impl Dataset {
         Ok((dataset, warnings))
     }
 
-    /// The data set of these parts, checked; messages name files below `dir`.
+    /// Assembles and checks the data set. Messages name files below `dir`.
     pub(crate) fn assemble(
         dir: &Path,
         metadata: Overrides,
@@ -238,23 +239,27 @@ impl Dataset {
         Ok((dataset, warnings))
     }
 
-    /// Writes the folder `dir`, creating it if need be. Reading it back gives the same data set
-    /// with bit-equal arrays; only the poses, which go through a 4x4 matrix, may differ in the
-    /// last digit. Time stamps are always written.
+    /// Writes the folder `dir`, and creates it if it does not exist. Time stamps are always written.
     ///
-    /// All files are written or none, `dataset.json` last. A folder may be saved over, but not when
-    /// parts of another recording in it would then be read as parts of this one.
+    /// Reading it back gives the same data set with bit-equal arrays. Only the poses, which are stored as 4x4 matrices, may
+    /// differ in the last digit.
+    ///
+    /// All files are written or none, `dataset.json` last. An existing folder may be overwritten, but not if parts of
+    /// another recording in it would then be read as parts of this one.
     ///
     /// # Errors
-    /// Data that [`open`](Self::open) would refuse, [`DataError::Leftover`] for parts of another
-    /// recording in the way, [`DataError::Link`] for a link in the place of a file, [`DataError::Io`] when the folder cannot be written.
+    /// - Data that [`open`](Self::open) would refuse.
+    /// - [`DataError::Leftover`] for parts of another recording in the way.
+    /// - [`DataError::Link`] for a link in the place of a file.
+    /// - [`DataError::Io`] if the folder cannot be written.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DataError> {
         self.save_with(dir, &[], &[])
     }
 
-    /// [`save`](Self::save) with further files, such as those of the robot, by their paths in the
-    /// folder: they are written with it or not at all. So are `outdated` ones removed, such as what was computed from
-    /// sequences that are replaced, where they are there and not written.
+    /// [`save`](Self::save) with further files, such as those of the robot, given by their paths in the folder.
+    ///
+    /// They are written together with the recording or not at all. Files in `outdated` are removed if they exist and are
+    /// not written, such as results computed from replaced sequences.
     ///
     /// # Errors
     /// As [`save`](Self::save).
@@ -292,25 +297,27 @@ impl Dataset {
         staged.commit()
     }
 
-    /// [`made_by`](Self::made_by) of the recording in the folder `dir`, or of one that was being written there when its
-    /// process was killed. `None` also where `dataset.json` cannot be read.
+    /// [`made_by`](Self::made_by) of the recording in the folder `dir`, even if writing it there was interrupted.
+    ///
+    /// `None` also if `dataset.json` cannot be read.
     pub fn maker(dir: impl AsRef<Path>) -> Option<String> {
         metadata::maker(dir.as_ref())
     }
 
-    /// Whether a recording that a command has made was edited since, as by hand: `dataset.json` holds a digest of its values
-    /// and of the arrays and files of the robot. What others have put beside them does not count. One without a digest is
-    /// taken for edited.
+    /// Whether a recording that a command made was edited since, for example by hand.
+    ///
+    /// `dataset.json` holds a digest of its values, of the arrays and of the robot's files. Other files in the folder do
+    /// not count. A recording without a digest counts as edited.
     pub fn is_edited(dir: impl AsRef<Path>) -> bool {
         metadata::is_edited(dir.as_ref())
     }
 
-    /// The sequences to estimate from, in the order of the split.
+    /// The training sequences, in the order of the split.
     pub fn train(&self) -> impl Iterator<Item = &Sequence> {
         self.of(&self.splits.train)
     }
 
-    /// The sequences to predict, in the order of the split.
+    /// The test sequences, in the order of the split.
     pub fn test(&self) -> impl Iterator<Item = &Sequence> {
         self.of(&self.splits.test)
     }
@@ -331,7 +338,7 @@ impl Dataset {
         self.sequences.first().map_or(0, Sequence::width)
     }
 
-    /// The metadata as the file holds it: defaults of the maps left out.
+    /// The metadata as written to the file, without defaults.
     pub(crate) fn metadata(&self) -> Overrides {
         let by_id = |s: &Sequence| s.id.clone();
         let touch_starts: BTreeMap<_, _> = (self.sequences.iter())
@@ -365,7 +372,7 @@ impl Dataset {
     }
 }
 
-/// The robot, which must be known.
+/// Checks that the robot is given.
 pub(crate) fn check_robot<'a>(
     dir: &Path,
     metadata: &'a Overrides,
@@ -397,7 +404,7 @@ fn folder_name(dir: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// IDs and folders of the sequences, `seq_2` before `seq_10`.
+/// IDs and folders of the sequences, in natural order: `seq_2` before `seq_10`.
 fn sequence_ids(dir: &Path) -> Result<Vec<(String, PathBuf)>, DataError> {
     let ids = sequence_ids_or_none(dir)?;
     if ids.is_empty() {
@@ -433,7 +440,7 @@ pub(crate) fn sequence_ids_or_none(dir: &Path) -> Result<Vec<(String, PathBuf)>,
     Ok(ids)
 }
 
-/// Arrays of sequences that the format does not know, as of names that are misspelled.
+/// Arrays in the folders of sequences that the format does not know, for example with misspelled names.
 fn other_arrays<'a>(
     folders: impl Iterator<Item = &'a PathBuf>,
 ) -> Result<Option<DataWarning>, DataError> {
@@ -455,7 +462,7 @@ fn other_arrays<'a>(
     Ok(first.map(|path| DataWarning::OtherArrays { path, others }))
 }
 
-/// The one stored field of a data set.
+/// The only stored field of a data set.
 pub(crate) fn stored_field(dir: &Path) -> Result<Option<PathBuf>, DataError> {
     let mut fields = files::list(dir)?.into_iter().filter(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -1,5 +1,5 @@
-//! Whether a recording or a field was edited since it was written: what a command has made it makes again, what a hand has set
-//! it does not.
+//! Whether a recording or a field was edited since it was written. A command may make again what it made, but not what was
+//! edited by hand.
 
 use crate::Dataset;
 use crate::dataset::{CAMERA, FIELD, POINTS};
@@ -10,14 +10,14 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The key of the digest, in metadata that have one.
+/// The key of the digest in the metadata.
 const KEY: &str = "digest";
 
 /// Digests of files, by their paths in the folder.
 pub(crate) type Files = BTreeMap<PathBuf, blake3::Hash>;
 
-/// Digest of other files and of the values of the metadata, a JSON object: whatever their order, the blanks between them
-/// and how numbers are written. A digest is none of them.
+/// Digest of the values of the metadata, a JSON object, and of other files. It does not depend on the order of the values,
+/// on white space, or on how numbers are written. An existing digest is left out.
 pub(crate) fn digest(metadata: &[u8], files: &Files) -> Result<String, serde_json::Error> {
     let mut values: Map<String, Value> = serde_json::from_slice(metadata)?;
     values.remove(KEY);
@@ -32,8 +32,8 @@ pub(crate) fn digest(metadata: &[u8], files: &Files) -> Result<String, serde_jso
     Ok(hasher.finalize().to_hex()[..16].to_owned())
 }
 
-/// Whether a recording in a folder is as a command wrote it, the metadata being `bytes`. Of links nothing is said: they are
-/// not written to.
+/// Whether the recording in a folder is as a command wrote it; `bytes` are its metadata. Links count as unchanged, since
+/// they are not written to.
 pub(crate) fn is_as_written(folder: &Path, bytes: &[u8]) -> bool {
     match found(folder) {
         Ok(Some(files)) => agrees(bytes, &files),
@@ -42,18 +42,18 @@ pub(crate) fn is_as_written(folder: &Path, bytes: &[u8]) -> bool {
     }
 }
 
-/// Whether metadata hold the digest of themselves and of these files.
+/// Whether the digest in the metadata agrees with them and with these files.
 pub(crate) fn agrees(metadata: &[u8], files: &Files) -> bool {
     known(metadata).is_some_and(|known| digest(metadata, files).is_ok_and(|own| own == known))
 }
 
-/// The digest that metadata hold.
+/// The digest in the metadata.
 fn known(metadata: &[u8]) -> Option<String> {
     let values: Map<String, Value> = serde_json::from_slice(metadata).ok()?;
     values.get(KEY)?.as_str().map(str::to_owned)
 }
 
-/// The files of a recording, without what others have put beside them; `None` if one is a link.
+/// The files of a recording, without others in the folder; `None` if one of them is a link.
 fn found(folder: &Path) -> Result<Option<Files>, std::io::Error> {
     let mut found = Files::new();
     let mut folders = vec![PathBuf::new()];
@@ -80,7 +80,7 @@ fn found(folder: &Path) -> Result<Option<Files>, std::io::Error> {
     Ok(Some(found))
 }
 
-/// The same values with all numbers as floating-point ones, as some programs write them.
+/// The same values with all numbers as floating-point numbers, since some programs write them so.
 fn as_floats(value: Value) -> Value {
     match value {
         Value::Number(n) => {

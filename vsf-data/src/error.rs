@@ -3,14 +3,14 @@ use std::path::PathBuf;
 use std::{fmt, io};
 use thiserror::Error;
 
-/// What is wrong with a recording or a field on disk, or with data that is to be written.
+/// Error of a recording or a field on disk, or of data to be written.
 ///
-/// Every message names the file. Rows count from 0, as NumPy indexes them; joints (columns of
-/// `angles`, `velocities` and `torques`) count from 1, as robots number them.
+/// Every message names the file. Rows count from 0, as in NumPy. Joints (columns of `angles`, `velocities` and `torques`)
+/// count from 1, as robots number them.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DataError {
-    /// A file or folder that must be there is not.
+    /// A required file or folder does not exist.
     #[error("{}: no such {what}", path.display())]
     Missing {
         /// The path that was looked for.
@@ -23,9 +23,9 @@ pub enum DataError {
     Io {
         /// `read`, `write`, `create` or `list`.
         action: &'static str,
-        /// The path it was about.
+        /// The path.
         path: PathBuf,
-        /// The reason the operating system gave.
+        /// The reason, from the operating system.
         source: io::Error,
     },
     /// A `.npy` file, or one inside a `.npz` archive, cannot be read.
@@ -33,7 +33,7 @@ pub enum DataError {
     Npy {
         /// The file; inside an archive `<archive>/<entry>`.
         path: PathBuf,
-        /// What is wrong with its bytes.
+        /// What is wrong with the bytes.
         source: NpyError,
     },
     /// A `.npz` archive is not a readable zip file.
@@ -44,7 +44,7 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// A PNG image is damaged or of another kind than the format asks for.
+    /// A PNG image is damaged, or not of the kind that the format requires.
     #[error("{}: {problem}", path.display())]
     Png {
         /// The image.
@@ -68,7 +68,7 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// An MCAP file is damaged, does not hold what is looked for, or cannot hold what is written.
+    /// An MCAP file is damaged, lacks what was asked for, or cannot hold what is to be written.
     #[error("{}: {problem}", path.display())]
     Mcap {
         /// The file.
@@ -76,19 +76,19 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// A message of an MCAP file cannot be a sample.
+    /// A message of an MCAP file that is no valid sample.
     #[error("{} {topic} message {message}: {problem}", path.display())]
     Message {
         /// The file.
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// Which message of the topic in this file, from 0.
+        /// Index of the message in its topic in this file, from 0.
         message: u64,
         /// What is wrong.
         problem: String,
     },
-    /// A CSV file does not hold what is looked for.
+    /// A CSV file lacks what was asked for.
     #[error("{}: {problem}", path.display())]
     Csv {
         /// The file.
@@ -96,7 +96,7 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// A line of a CSV file cannot be a sample.
+    /// A line of a CSV file that is no valid sample.
     #[error("{} line {line}: {problem}", path.display())]
     CsvLine {
         /// The file.
@@ -106,7 +106,7 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// A cell of a CSV file is not the number that it must be.
+    /// A cell of a CSV file that is not a valid number.
     #[error("{} line {line} column {column:?}: {problem}", path.display())]
     CsvCell {
         /// The file.
@@ -118,10 +118,10 @@ pub enum DataError {
         /// What is wrong.
         problem: String,
     },
-    /// Joint states that can be read if something else is asked for.
+    /// Joint states that could be read with other arguments.
     #[error("{error}; {advice}")]
     Advised {
-        /// What is wrong, of an MCAP or CSV file.
+        /// The problem with the MCAP or CSV file.
         error: Box<DataError>,
         /// What may help.
         advice: Advice,
@@ -145,7 +145,7 @@ pub enum DataError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// Column, from 1; the place just behind the value.
+        /// Column, from 1, just after the value.
         column: usize,
         /// Found and expected type.
         problem: String,
@@ -153,14 +153,14 @@ pub enum DataError {
     /// A metadata value has the right type but no meaning.
     #[error("{}: {key}: {problem}", path.display())]
     Metadata {
-        /// The metadata file, whether the value came from it or from an override.
+        /// The metadata file, even if the value came from an override.
         path: PathBuf,
         /// The key of `dataset.json` or `camera.json`.
         key: &'static str,
         /// What is wrong, and what is allowed.
         problem: String,
     },
-    /// A required piece of metadata is neither in `dataset.json` nor given otherwise.
+    /// Required metadata is neither in `dataset.json` nor given in another way.
     #[error("{}: {key} is required: {hint}", path.display())]
     MissingKey {
         /// The metadata file, or the sequence folder that needs it.
@@ -170,12 +170,12 @@ pub enum DataError {
         /// How to provide it.
         hint: &'static str,
     },
-    /// The robot is named by a path, and there is no such file.
+    /// The robot is given as a path at which there is no file.
     #[error("robot {given:?}: no file {}", path.display())]
     RobotNotFound {
-        /// The text of the metadata.
+        /// The text in the metadata.
         given: String,
-        /// The file it stands for.
+        /// The path that it resolves to.
         path: PathBuf,
     },
     /// An array has the wrong rank or width.
@@ -185,7 +185,7 @@ pub enum DataError {
         path: PathBuf,
         /// Its shape.
         got: Vec<usize>,
-        /// The shape that fits, with the reason.
+        /// The required shape, and the reason.
         expected: String,
     },
     /// Two arrays that belong together have different numbers of rows.
@@ -195,7 +195,7 @@ pub enum DataError {
         path: PathBuf,
         /// Its rows.
         got: usize,
-        /// The array it must agree with.
+        /// The array it must match.
         reference: String,
         /// Rows of that array.
         expected: usize,
@@ -207,12 +207,12 @@ pub enum DataError {
         path: PathBuf,
         /// Row, from 0.
         row: usize,
-        /// `joint 5` (from 1), `x`, `column 2` (from 1); empty in a file of one column.
+        /// Column: `joint 5` (from 1), `x`, or `column 2` (from 1); empty for a file with one column.
         column: String,
         /// The offending value.
         value: f64,
     },
-    /// A coordinate of a point beyond 1e6 m.
+    /// A coordinate of a point is beyond 1e6 m.
     #[error("{} row {row} {axis}: {value:e} m is beyond 1e6 m; check units", path.display())]
     FarPoint {
         /// The file.
@@ -224,7 +224,7 @@ pub enum DataError {
         /// The coordinate (m).
         value: f64,
     },
-    /// A time stamp that no clock shows.
+    /// A time stamp is out of range.
     #[error("{} row {row}: time {value:e} s is beyond 1e12 s (30,000 years); stamps are seconds", path.display())]
     FarTime {
         /// The file.
@@ -234,7 +234,7 @@ pub enum DataError {
         /// The offending value \[s\].
         value: f64,
     },
-    /// Time stamps that do not increase, by half a nanosecond at least.
+    /// Time stamps do not increase by at least half a nanosecond.
     #[error(
         "{} row {row}: time {value:?} s is not after {previous:?} s of the row before{}",
         path.display(),
@@ -265,7 +265,7 @@ pub enum DataError {
     Empty {
         /// The file or folder.
         path: PathBuf,
-        /// What has no elements.
+        /// What is empty.
         what: &'static str,
     },
     /// A folder holds no `seq_<ID>` folder.
@@ -274,7 +274,7 @@ pub enum DataError {
         /// The data set.
         path: PathBuf,
     },
-    /// A name in the folder is not UTF-8, or an ID cannot be a folder name.
+    /// A name in the folder is not UTF-8, or an ID cannot be the name of a folder.
     #[error("{}: {id:?} cannot be a sequence ID: it must be UTF-8 without / and \\", path.display())]
     SequenceId {
         /// The data set.
@@ -290,7 +290,7 @@ pub enum DataError {
         /// `train` or `test`.
         split: &'static str,
     },
-    /// A sequence ID occurs in the metadata, and there is no such sequence.
+    /// The metadata contain the ID of a sequence that does not exist.
     #[error("{}: {key} names sequence {id:?}, but there is no folder seq_{id}", path.display())]
     UnknownSequence {
         /// The metadata file.
@@ -317,14 +317,14 @@ pub enum DataError {
         path: PathBuf,
         /// The sequence.
         id: String,
-        /// Position in its list, from 0.
+        /// Index in its list, from 0.
         index: usize,
         /// The row given there.
         row: usize,
         /// What is wrong.
         problem: String,
     },
-    /// Tare samples are the contact-free start of a sequence, and here they are all of it.
+    /// The tare samples, which are the contact-free start of a sequence, are all of it.
     #[error(
         "{}: tare_samples = {tare_samples}, but sequence {id:?} has {rows} samples; \
          there must be samples after those that tare",
@@ -335,12 +335,12 @@ pub enum DataError {
         path: PathBuf,
         /// The sequence.
         id: String,
-        /// Samples to average.
+        /// Number of tare samples.
         tare_samples: usize,
-        /// Samples there are.
+        /// Number of samples in the sequence.
         rows: usize,
     },
-    /// Several stored fields lie in one data set.
+    /// A data set has several stored fields.
     #[error("{} and {}: two stored fields in one data set; keep one", first.display(), second.display())]
     AmbiguousField {
         /// The first of them.
@@ -348,19 +348,19 @@ pub enum DataError {
         /// Another one.
         second: PathBuf,
     },
-    /// Something in the folder that is not part of what is saved there, and would be mixed with it.
+    /// Something in the folder that would be mixed up with what is saved there.
     #[error("{}: is in the way: it would be mixed with what is written; remove it or write to another folder", path.display())]
     Leftover {
         /// The file or folder in the way.
         path: PathBuf,
     },
-    /// A link in a folder that is written to, in the place of what is written.
+    /// A link in the place of a file that is to be written.
     #[error("{}: is a link, and what it leads to would be changed; remove it or write to another folder", path.display())]
     Link {
         /// The link.
         path: PathBuf,
     },
-    /// A process was killed while it replaced a recording or field: some files are old, others new.
+    /// A process was killed while it replaced a recording or field. Some files are old, others new.
     #[error("{}: writing to this folder was interrupted, and its files do not belong together; write it again or remove it", path.display())]
     Interrupted {
         /// The folder.
@@ -377,7 +377,7 @@ pub enum DataError {
         path: PathBuf,
         /// Shape of K.
         got: Vec<usize>,
-        /// The mode written in the file, or the one its shape implies.
+        /// The mode in the file, or the one that the shape implies.
         axis_mode: String,
         /// Number of points.
         points: usize,
@@ -394,7 +394,7 @@ pub enum DataError {
         /// The archive.
         path: PathBuf,
     },
-    /// A feature has a name that the format needs for itself or that cannot be a file name.
+    /// A feature has a reserved name, or one that cannot be a file name.
     #[error("{}: {name:?} cannot be the name of a feature", path.display())]
     FeatureName {
         /// The field.
@@ -402,7 +402,7 @@ pub enum DataError {
         /// The name.
         name: String,
     },
-    /// Tables, parameters or signals handed to a function of this crate do not fit.
+    /// Arguments of a function of this crate are invalid or do not fit each other.
     #[error("{what}: {problem}")]
     Argument {
         /// The argument.
@@ -412,7 +412,7 @@ pub enum DataError {
     },
 }
 
-/// What may help against a [`DataError::Advised`], by what [`JointLog`](crate::JointLog) takes.
+/// What may help against [`DataError::Advised`]: an argument or method of [`JointLog`](crate::JointLog).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Advice {
@@ -444,7 +444,7 @@ impl fmt::Display for Advice {
 }
 
 impl DataError {
-    /// The same with advice.
+    /// Adds advice to the error.
     pub(crate) fn advise(self, advice: Advice) -> Self {
         let error = Box::new(self);
         Self::Advised { error, advice }

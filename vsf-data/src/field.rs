@@ -14,58 +14,64 @@ use std::path::{Path, PathBuf};
 pub(crate) const POINTS: &str = "points";
 pub(crate) const STIFFNESS: &str = "K";
 pub(crate) const SD: &str = "K_std";
-/// What `K_std` is. OpenVSF writes a variance under that name and no mark.
+/// Name of the mark that says what `K_std` is. OpenVSF writes a variance under that name, without a mark.
 const SD_UNIT: &str = "K_std_unit";
 const STANDARD_DEVIATION: &str = "standard_deviation";
-/// Name of the recording that the field was estimated from.
+/// Name of the mark for the recording that the field was estimated from.
 const RECORDING: &str = "recording_name";
-/// IDs of its sequences that the field has learned from.
+/// Name of the mark for the IDs of the sequences that the field was learned from.
 const LEARNED_FROM: &str = "learned_from";
 /// Name of the mark for the corrected model.
 const MODEL: &str = "corrected_model";
 /// Name of the mark for the parameters of contact.
 const CONTACT: &str = "contact_parameters";
-/// Name of the mark for where the robot stood.
+/// Name of the mark for the pose of the robot's base.
 const BASE_POSE: &str = "base_pose";
 const AXIS_MODE: &str = "axis_mode";
 const ISOTROPIC: &str = "isotropic";
 /// OpenVSF's pickled dictionary.
 const PICKLE: &str = "features";
-/// The marks of a field in a folder, where a `.npy` of text would break OpenVSF's reader.
+/// File with the marks of a field in a folder. A `.npy` file of text would break OpenVSF's reader.
 const MARKS: &str = "format.json";
 
 /// A stiffness field on disk: points and their estimated stiffness.
 ///
-/// The layout is OpenVSF's `PointVSF`: entries `points` (N, 3) and `K` (N,) of an `.npz` archive
-/// or of a folder of `.npy` files, and further arrays with N rows as features. `K_std` is written
-/// as a standard deviation and marked as one (`K_std_unit` in an archive, `format.json` in a
-/// folder); a `K_std` without the mark is not used, since OpenVSF writes the variance there. The
-/// recording's name is a further mark, `recording_name`, and so are the sequences that the field has
-/// learned from, `learned_from` (a list), a corrected model, `corrected_model`, and the parameters of contact,
-/// `contact_parameters` (an object), and the pose of the robot's base, `base_pose` (4x4, row major); lists and objects are
-/// JSON text in an archive. Any mark may be missing.
+/// The layout is OpenVSF's `PointVSF`: the entries `points` (N, 3) and `K` (N,) of an `.npz` archive or of a folder of
+/// `.npy` files, and further arrays with N rows as features. `K_std` is written as a standard deviation and marked as such
+/// (`K_std_unit` in an archive, `format.json` in a folder). A `K_std` without the mark is not used, since OpenVSF writes
+/// the variance there.
+///
+/// Further marks, all optional:
+///
+/// - `recording_name`: name of the recording;
+/// - `learned_from` (a list): IDs of the sequences that the field was learned from;
+/// - `corrected_model`: a corrected model;
+/// - `contact_parameters` (an object): the contact parameters;
+/// - `base_pose` (4x4, row major): the pose of the robot's base.
+///
+/// In an archive, lists and objects are JSON text.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StiffnessField {
     /// Rest positions `p_i` \[m\], world frame.
     pub points: Vec<Point3<f64>>,
-    /// Mean of `K_i` [N/m], one per point. Estimators that do not bound `K` may give negative
-    /// values; they are kept.
+    /// Mean of `K_i` [N/m], one per point. Negative values, from estimators that do not bound `K`, are kept.
     pub stiffness: Vec<f64>,
     /// Standard deviation of `K_i` [N/m], one per point.
     pub sd: Option<Vec<f64>>,
-    /// Further numbers per point by name, one row per point. Arrays of higher rank are read with
-    /// each point's numbers in C order in one row.
+    /// Further numbers per point, by name, one row per point. Of arrays of higher rank, a row holds the numbers of a point
+    /// in C order.
     pub features: BTreeMap<String, Table>,
     /// Name of the recording that the field was estimated from, if known.
     pub recording: Option<String>,
-    /// IDs of that recording's sequences that it has learned from, if known.
+    /// IDs of the sequences of that recording that the field was learned from, if known.
     pub learned_from: Option<Vec<String>>,
-    /// The corrected model that explained a part of the readings, in words, if there was one.
+    /// Description of the corrected model that explained a part of the readings, if there was one.
     pub model: Option<String>,
-    /// The parameters of contact that it was estimated with, if known.
+    /// The contact parameters that the field was estimated with, if known.
     pub contact: Option<ContactParameters>,
-    /// The pose of the robot's base that it was estimated with, `X_WB`, within ±1e6 m, if known. Read back, it may
-    /// differ in the last digit.
+    /// The pose `X_WB` of the robot's base that the field was estimated with, within ±1e6 m, if known.
+    ///
+    /// After reading back, it may differ in the last digit.
     pub base_pose: Option<Isometry3<f64>>,
 }
 
@@ -85,12 +91,12 @@ struct Marks {
     contact: Option<ContactParameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     base_pose: Option<pose::Rows4>,
-    /// Of a folder: what it was written as.
+    /// Digest of a folder as it was written.
     #[serde(skip_serializing_if = "Option::is_none")]
     digest: Option<String>,
 }
 
-/// The arrays of a field before they are understood, from an archive or a folder.
+/// The arrays of a field before they are interpreted, from an archive or a folder.
 struct Source {
     path: PathBuf,
     /// The bytes of each `.npy`, by name without extension.
@@ -102,9 +108,10 @@ impl StiffnessField {
     /// Reads an `.npz` archive, stored or deflated, or a folder with `points.npy` and `K.npy`.
     ///
     /// # Errors
-    /// Damaged files, numbers that are not finite, arrays of different length,
-    /// [`DataError::AxisMode`] for a stiffness per axis, [`DataError::PickledFeatures`] for the
-    /// pickle of OpenVSF's archives, which is never executed; the message says how to convert.
+    /// - Damaged files, numbers that are not finite, arrays of different length.
+    /// - [`DataError::AxisMode`] for a stiffness per axis.
+    /// - [`DataError::PickledFeatures`] for the pickle of OpenVSF's archives, which is never executed; the message says how
+    ///   to convert.
     pub fn open(path: impl AsRef<Path>) -> Result<(Self, Vec<DataWarning>), DataError> {
         let path = path.as_ref();
         let mut warnings = Vec::new();
@@ -118,11 +125,10 @@ impl StiffnessField {
         Ok((field, warnings))
     }
 
-    /// Writes an uncompressed `.npz` archive as a whole. OpenVSF reads it, without the features.
+    /// Writes an uncompressed `.npz` archive, completely or not at all. OpenVSF reads it, without the features.
     ///
     /// # Errors
-    /// Lengths that differ, numbers that are not finite, a feature named like an entry of the
-    /// format, [`DataError::Io`].
+    /// Lengths that differ; numbers that are not finite; a feature named like an entry of the format; [`DataError::Io`].
     pub fn save_npz(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
         let path = path.as_ref();
         write_file(path, &self.npz(path)?)
@@ -174,12 +180,12 @@ impl StiffnessField {
 
     /// Writes a folder of `.npy` files, all or none. OpenVSF reads it, with the features.
     ///
-    /// The folder must be new, or hold nothing but files that this replaces (those whose names
-    /// begin with a dot do not count), so that a field never mixes with anything else.
+    /// So that a field never mixes with anything else, the folder must be new, or hold only files that this replaces. Files
+    /// whose names begin with a dot do not count.
     ///
     /// # Errors
-    /// As [`save_npz`](Self::save_npz); [`DataError::Leftover`] names what is in the way, [`DataError::Link`] a
-    /// link in the place of a file.
+    /// As [`save_npz`](Self::save_npz). [`DataError::Leftover`] names what is in the way, [`DataError::Link`] a link in the
+    /// place of a file.
     pub fn save_folder(&self, folder: impl AsRef<Path>) -> Result<(), DataError> {
         let folder = folder.as_ref();
         self.check(folder)?;
@@ -210,9 +216,10 @@ impl StiffnessField {
         staged.commit()
     }
 
-    /// Whether the field in a folder was edited since [`save_folder`](Self::save_folder) wrote it, as by hand: `format.json`
-    /// holds a digest of its values and of the arrays. One without a digest is taken for edited; a folder without points,
-    /// as of an interrupted write, holds no field.
+    /// Whether the field in a folder was edited since [`save_folder`](Self::save_folder) wrote it, for example by hand.
+    ///
+    /// `format.json` holds a digest of its values and of the arrays. A field without a digest counts as edited. A folder
+    /// without points, as after an interrupted write, holds no field.
     pub fn is_edited(folder: impl AsRef<Path>) -> bool {
         let folder = folder.as_ref();
         if !files::is_there(&entry(folder, POINTS)) {
@@ -232,13 +239,13 @@ impl StiffnessField {
         }
     }
 
-    /// Writes a binary PLY point cloud with the properties `x y z`, `stiffness` and, if known,
-    /// `sd` (doubles), and a color by [`color`](crate::color): 0 N/m is dark violet,
-    /// `full_scale` [N/m] and beyond yellow. The default full scale is the largest stiffness.
+    /// Writes a binary PLY point cloud with the properties `x y z`, `stiffness` and, if known, `sd` (doubles), and a color.
+    ///
+    /// Colors are those of [`color`](crate::color): 0 N/m is dark violet, `full_scale` [N/m] and above is yellow. The
+    /// default full scale is the largest stiffness.
     ///
     /// # Errors
-    /// As [`save_npz`](Self::save_npz); [`DataError::Argument`] for a full scale that is not
-    /// positive and finite.
+    /// As [`save_npz`](Self::save_npz); [`DataError::Argument`] for a full scale that is not positive and finite.
     pub fn save_ply(
         &self,
         path: impl AsRef<Path>,
@@ -328,7 +335,7 @@ impl StiffnessField {
     }
 }
 
-/// A mark of an archive that is JSON text.
+/// Parses a mark of an archive that is JSON text.
 fn structured<T: DeserializeOwned>(
     path: &Path,
     name: &str,
@@ -343,7 +350,7 @@ fn is_hidden(path: &Path) -> bool {
     name.to_string_lossy().starts_with('.')
 }
 
-/// A file of a folder by its name.
+/// Relative path and digest of a file in a folder.
 fn digest_of(path: &Path, bytes: &[u8]) -> (PathBuf, blake3::Hash) {
     let name = path.file_name().unwrap_or_default();
     (name.into(), blake3::hash(bytes))
@@ -519,12 +526,12 @@ fn wrong_pose(path: &Path, problem: String) -> DataError {
     }
 }
 
-/// The file of an array, in a folder or in an archive.
+/// The path of an array, in a folder or in an archive.
 fn entry(path: &Path, name: &str) -> PathBuf {
     path.join(format!("{name}.npy"))
 }
 
-/// True for a folder that holds a field.
+/// Whether a folder holds a field.
 pub(crate) fn is_folder(path: &Path) -> bool {
     let holds = |name: &str| entry(path, name).is_file();
     holds(POINTS) && holds(STIFFNESS)

@@ -1,4 +1,4 @@
-//! Files read as a whole, and what their arrays mean.
+//! Reading of whole files, and interpretation of their arrays.
 
 use crate::npy::{self, NpyArray};
 use crate::{DataError, DataWarning, Table, pose, write_file};
@@ -7,16 +7,16 @@ use std::fs::{self, File};
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// [`DataError::Missing`] where nothing is; a link that leads nowhere is not nothing.
+/// Reads a file; [`DataError::Missing`] if there is nothing. A dangling link is not nothing.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, DataError> {
     check_kind(path)?;
     fs::read(path).map_err(|source| unreadable(path, source))
 }
 
-/// The text of a file. Pipes and devices are refused: they wait, or go on for ever.
+/// Reads a text file. Pipes and devices are refused, since they block or never end.
 ///
 /// # Errors
-/// [`DataError::Missing`]; [`DataError::Io`], also for what is not UTF-8.
+/// [`DataError::Missing`]; [`DataError::Io`], also if the file is not UTF-8.
 pub fn read_text(path: impl AsRef<Path>) -> Result<String, DataError> {
     let path = path.as_ref();
     let not_text = |_| {
@@ -28,7 +28,7 @@ pub fn read_text(path: impl AsRef<Path>) -> Result<String, DataError> {
     String::from_utf8(read(path)?).map_err(not_text)
 }
 
-/// A warning if the last line of a text file has no end.
+/// A warning if the last line of a text file is not terminated.
 pub(crate) fn open_ended(path: &Path, text: &[u8]) -> Option<DataWarning> {
     (!text.ends_with(b"\n")).then(|| DataWarning::NoLineEnd {
         path: path.to_owned(),
@@ -36,7 +36,7 @@ pub(crate) fn open_ended(path: &Path, text: &[u8]) -> Option<DataWarning> {
     })
 }
 
-/// A file to be read in parts, and its length.
+/// Opens a file for reading in parts. Returns it with its length.
 pub(crate) fn open(path: &Path) -> Result<(File, u64), DataError> {
     check_kind(path)?;
     let opened = File::open(path).and_then(|file| {
@@ -68,12 +68,12 @@ fn unreadable(path: &Path, source: Error) -> DataError {
     }
 }
 
-/// Whether something of that name is there, be it a link that leads nowhere.
+/// Whether a file of that name exists, even if it is a dangling link.
 pub(crate) fn is_there(path: &Path) -> bool {
     path.exists() || path.is_symlink()
 }
 
-/// What lies in a folder, sorted by name.
+/// Entries of a folder, sorted by name.
 pub(crate) fn list(path: &Path) -> Result<Vec<PathBuf>, DataError> {
     let failed = |e| DataError::io("list", path, e);
     let mut entries = fs::read_dir(path)
@@ -170,7 +170,7 @@ fn shape(path: &Path, got: Vec<usize>, expected: &str) -> DataError {
 }
 
 impl Table {
-    /// The table as the bytes of a `.npy` file, an array of shape `(rows, cols)`.
+    /// The table as bytes of a `.npy` file with an array of shape `(rows, cols)`.
     pub fn npy(&self) -> Vec<u8> {
         npy::encode(&[self.rows(), self.cols()], self.data())
     }

@@ -11,7 +11,7 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::path::Path;
 
-/// An object in which no key occurs twice; by itself serde lets the last one win.
+/// An object in which no key occurs twice. By default, serde lets the last one win.
 #[derive(Serialize)]
 #[serde(transparent)]
 pub(crate) struct UniqueMap<V>(pub BTreeMap<String, V>);
@@ -43,17 +43,17 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for UniqueMap<V> {
     }
 }
 
-/// Text that is no JSON, or JSON of another form than it has to be.
+/// Text that is not JSON, or JSON of another form than required.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line} column {column}: {problem}")]
 pub struct JsonError {
     /// Line, from 1.
     pub line: usize,
-    /// Column in bytes, from 1; 0 for the end of the line before.
+    /// Column in bytes, from 1; 0 for the end of the previous line.
     pub column: usize,
     /// Key and problem.
     pub problem: String,
-    /// Whether the text is JSON, of another form.
+    /// Whether the text is JSON, but of another form.
     pub is_json: bool,
 }
 
@@ -91,16 +91,16 @@ impl JsonError {
     }
 }
 
-/// Reads a file of JSON.
+/// Parses a JSON file.
 pub(crate) fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, DataError> {
     parse_json(bytes).map_err(|e| e.at(path))
 }
 
-/// Reads JSON.
+/// Parses JSON.
 ///
 /// # Errors
-/// What is no JSON in UTF-8, or not of the form of `T`: line and column, and in words of JSON the key and what is wrong
-/// with it.
+/// Text that is not JSON in UTF-8, or not of the form of `T`. The error has the line and column, the key, and the problem
+/// in terms of JSON.
 ///
 /// ```
 /// let error = vsf_data::parse_json::<Vec<f64>>(br#"[0.1, "b"]"#).unwrap_err();
@@ -130,7 +130,7 @@ pub fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
     Ok(value)
 }
 
-/// The text of a file of UTF-8, without a byte order mark.
+/// The text of a UTF-8 file, without a byte order mark.
 fn text(bytes: &[u8]) -> Result<&str, JsonError> {
     // JSON begins with a character of ASCII, which the wider ones fill up with zeros, after a mark, too.
     let is_wide = bytes.iter().take(4).any(|b| *b == 0);
@@ -167,7 +167,7 @@ pub(crate) fn failure(path: &Path, e: &serde_json::Error) -> DataError {
     JsonError::new(e).at(path)
 }
 
-/// The problem with the type that is expected in words of JSON.
+/// The problem with the expected type in terms of JSON.
 fn plain(problem: &str) -> String {
     match problem.rsplit_once(", expected ") {
         Some((before, "f64")) => format!("{before}, expected a number"),
@@ -178,7 +178,7 @@ fn plain(problem: &str) -> String {
     }
 }
 
-/// Unknown keys with their values as JSON text, the form in which callers see them.
+/// Unknown keys with their values as JSON text, as callers see them.
 pub(crate) fn to_text(unknown: Map<String, Value>) -> BTreeMap<String, String> {
     unknown
         .into_iter()

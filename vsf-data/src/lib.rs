@@ -1,12 +1,13 @@
 //! Touch recordings and stiffness fields on disk.
 //!
-//! A [`Dataset`] is one folder: touch sequences of a robot arm (joint angles, torques, and
-//! optionally times and velocities), the rest points of the object, a stored field, one RGB-D
-//! view, and metadata in `dataset.json`. A folder of OpenVSF's `MultiModalDataset` (only
-//! `seq_*/angles.npy` and `seq_*/torques.npy`) opens with the metadata in [`Overrides`]. A
-//! [`StiffnessField`] is an `.npz` archive or a folder in OpenVSF's layout, and can be looked at
-//! as a colored PLY cloud. [`McapExport`] writes both as ROS 2 messages, and [`JointLog`] makes a
-//! recording of the joint states in an MCAP or CSV file.
+//! A [`Dataset`] is one folder: touch sequences of a robot arm (joint angles, torques, and optionally times and
+//! velocities), the rest points of the object, a stored field, one RGB-D view, and metadata in `dataset.json`. A folder of
+//! OpenVSF's `MultiModalDataset` (only `seq_*/angles.npy` and `seq_*/torques.npy`) opens with the metadata in
+//! [`Overrides`].
+//!
+//! A [`StiffnessField`] is an `.npz` archive or a folder in OpenVSF's layout. It can be saved as a colored PLY cloud for
+//! viewing. [`McapExport`] writes recordings and fields as ROS 2 messages. [`JointLog`] makes a recording of the joint
+//! states in an MCAP or CSV file.
 //!
 //! ```
 //! use vsf_data::{Dataset, Overrides, RobotRef};
@@ -30,21 +31,22 @@
 //! # }
 //! ```
 //!
-//! Nothing is repaired on the way in. Whatever a folder holds, opening it gives the data, or a
-//! [`DataError`] that names file, sequence and row; never a panic, and never a shortened or
-//! zero-filled sequence. Arrays may be of any little-endian float or integer type of NumPy, in C
-//! or Fortran order, features of truth values, too, and become `f64`; pickled objects are never executed. What can be read but
-//! should be known comes as a [`DataWarning`].
+//! Nothing is repaired on reading. Whatever a folder holds, opening it gives the data, or a [`DataError`] that names file,
+//! sequence and row; never a panic, and never a shortened or zero-filled sequence. Something that can be read but that one
+//! should know about comes as a [`DataWarning`].
 //!
-//! Files are written next to their places and renamed once all of them are whole: a full disk
-//! changes nothing, and a killed process leaves every file old or new ([`write_file`]), a new folder
-//! whole or not there, and one that was being replaced as it was or as [`DataError::Interrupted`].
+//! Arrays may be of any little-endian float or integer type of NumPy (for features also booleans), in C or Fortran order,
+//! and become `f64`. Pickled objects are never executed.
 //!
-//! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype
-//! would be a trial, and it has no half floats; `npyz` multiplies the lengths that a header states without a check, and
-//! panics on those of a hostile one. The format is one file here. Likewise the `cdr` and
-//! `cdr-encoding` crates for ROS messages: they know neither ROS 1 nor the bytes in front of a message,
-//! and two messages of numbers and names are less than their descriptions for serde.
+//! Files are written under hidden names next to their places, and renamed once all of them are complete ([`write_file`]). A
+//! full disk changes nothing. A killed process leaves every file old or new. It leaves a new folder complete or absent, and
+//! a folder that was being replaced as it was or as [`DataError::Interrupted`].
+//!
+//! Rejected: the `ndarray-npy` crate. It reads into one static type per call, so every dtype would be a trial, and it has
+//! no half floats. `npyz` multiplies the lengths that a header states without a check, and panics on those of a hostile
+//! one. The format is one file here. Also rejected: the `cdr` and `cdr-encoding` crates for ROS messages. They know neither
+//! ROS 1 nor the bytes in front of a message, and two messages of numbers and names are less than their descriptions for
+//! serde.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -77,7 +79,7 @@ mod staged;
 mod table;
 mod warning;
 
-/// What files say of the program that wrote them.
+/// The program name that written files contain.
 const MADE_BY: &str = concat!("vsf ", env!("CARGO_PKG_VERSION"));
 
 pub use camera::CameraView;

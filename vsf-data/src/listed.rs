@@ -1,8 +1,10 @@
-/// Most names that are told, and most letters of one.
+/// Most names that are listed, and most letters of one.
 const MOST: usize = 20;
 const LONGEST: usize = 120;
 
-/// Names for a message, the first twenty of them, and how many more there are; long ones are cut; "nothing" where there are none.
+/// Formats a list of names for a message: the first twenty, and how many more there are.
+///
+/// Long names are cut. An empty list gives "nothing".
 ///
 /// ```
 /// assert_eq!(vsf_data::listed(&["a", "b"]), "a, b");

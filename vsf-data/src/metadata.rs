@@ -10,19 +10,19 @@ use std::path::{Path, PathBuf};
 /// Name of the metadata file in a data set.
 pub(crate) const FILE: &str = "dataset.json";
 
-/// What the torque columns mean.
+/// Meaning of the torque columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TorqueKind {
-    /// `tau = sum_i J^T f_i` with `f_i` the force of the environment on the robot; gravity
-    /// already removed. The default.
+    /// `tau = sum_i J^T f_i`, with `f_i` the force of the environment on the robot and gravity already removed. The
+    /// default.
     #[default]
     External,
     /// The actuator-side reading, `tau_meas = M(q) qdd + C(q, qd) qd + g(q) - tau_ext`.
     Measured,
 }
 
-/// Kind of one joint, which fixes the units of its columns.
+/// Type of a joint, which determines the units of its columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -33,7 +33,7 @@ pub enum JointType {
     Prismatic,
 }
 
-/// How the object holds on to the robot.
+/// How the object is attached to the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -41,7 +41,7 @@ pub enum Attachment {
     /// Contact only pushes. The default.
     #[default]
     Unilateral,
-    /// A clamped specimen, which also pulls. It is kept, and no model in this workspace follows it
+    /// A clamped specimen, which also pulls. The value is kept, but no model in this workspace uses it
     /// ([`DataWarning::ClampedSpecimen`](crate::DataWarning::ClampedSpecimen)).
     Bilateral,
 }
@@ -55,23 +55,25 @@ pub struct Splits {
     pub test: Vec<String>,
 }
 
-/// The robot of a recording. This crate knows no robots: it keeps the name or finds the file.
+/// The robot of a recording.
+///
+/// This crate knows no robots: it keeps the name or finds the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RobotRef {
-    /// The text of the metadata: name of a built-in robot, or path of a URDF.
+    /// The text in the metadata: the name of a built-in robot, or the path of a URDF.
     pub given: String,
     /// The URDF, if `given` is a path; `None` for a built-in robot.
     pub path: Option<PathBuf>,
 }
 
 impl RobotRef {
-    /// Understands `given`: the name of a built-in robot, or, when it has a file extension or
-    /// more than one part, or is `.` or `..`, the path of a URDF relative to `base`.
+    /// Interprets `given` as the name of a built-in robot or as the path of a URDF relative to `base`.
+    ///
+    /// It is a path if it has a file extension or more than one component, or is `.` or `..`.
     ///
     /// # Errors
-    /// [`DataError::RobotNotFound`] when it is empty, or a path at which there is no file;
-    /// [`DataError::Io`] when that is a pipe or a device. Whether a built-in robot of that name exists
-    /// is not known here.
+    /// [`DataError::RobotNotFound`] if it is empty, or a path at which there is no file; [`DataError::Io`] if that is a
+    /// pipe or a device. Whether a built-in robot of that name exists is not checked here.
     ///
     /// ```
     /// use vsf_data::RobotRef;
@@ -100,8 +102,8 @@ impl RobotRef {
         })
     }
 
-    /// The text to write to a data set in `dir`: as given if that finds the same file from there, or
-    /// one that is written together with it, else the absolute path.
+    /// The text to write to a data set in `dir`: as given if it resolves from there to the same file, or to one that is
+    /// written together with it; otherwise the absolute path.
     fn text_in(&self, dir: &Path, staged: &Staged) -> Result<String, DataError> {
         let Some(path) = &self.path else {
             return Ok(self.given.clone());
@@ -130,10 +132,10 @@ impl RobotRef {
     }
 }
 
-/// Metadata given by the caller, which goes before `dataset.json`. Whatever is `None` is taken
-/// from the file, or from the format's default.
+/// Metadata given by the caller, which take precedence over `dataset.json`.
 ///
-/// With `robot` and `rate_hz` set, a folder of OpenVSF (no `dataset.json`, no `time.npy`) loads.
+/// What is `None` is taken from the file, or from the format's default. With `robot` and `rate_hz` set, a folder of OpenVSF
+/// (no `dataset.json`, no `time.npy`) can be opened.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Overrides {
     /// Name of the data set; default the folder's name.
@@ -164,18 +166,18 @@ pub struct Overrides {
     pub touch_starts: Option<BTreeMap<String, Vec<usize>>>,
     /// Labels by sequence ID; default none.
     pub sequence_tags: Option<BTreeMap<String, Vec<String>>>,
-    /// How the object holds on to the robot; default unilateral.
+    /// How the object is attached to the robot; default unilateral.
     pub attachment: Option<Attachment>,
     /// Rest length of a clamped specimen \[m\]; default none.
     pub gauge_length: Option<f64>,
     /// The command that has made the recording; default none.
     pub made_by: Option<String>,
-    /// The contact that the torques were computed in, the key `contact_parameters`; default none.
+    /// The contact parameters that the torques were computed with, the key `contact_parameters`; default none.
     pub contact: Option<ContactParameters>,
 }
 
 impl Overrides {
-    /// Field by field: `self` where it is set, else `other`.
+    /// Field by field: `self` if it is set, otherwise `other`.
     pub(crate) fn or(self, other: Self) -> Self {
         Self {
             name: self.name.or(other.name),
@@ -200,7 +202,7 @@ impl Overrides {
     }
 }
 
-/// `dataset.json` as it is written.
+/// `dataset.json` as written.
 #[derive(Default, Serialize, Deserialize)]
 #[serde(expecting = "an object with the keys of dataset.json")]
 struct Raw {
@@ -240,14 +242,14 @@ struct Raw {
     made_by: Option<String>,
     #[serde(rename = "contact_parameters", skip_serializing_if = "Option::is_none")]
     contact: Option<ContactParameters>,
-    /// Of the other values and files, in recordings that a command has made.
+    /// Digest of the other values and files, in recordings that a command made.
     #[serde(skip_serializing_if = "Option::is_none")]
     digest: Option<String>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
 
-/// A key that is left out is an empty split; one that is written must list something.
+/// A missing key is an empty split. A key that is present must list something.
 #[derive(Serialize, Deserialize)]
 #[serde(
     deny_unknown_fields,
@@ -284,7 +286,7 @@ impl RawSplits {
     }
 }
 
-/// Labels, as a list or as an object of values; the latter is read as `key=value`.
+/// Labels, as a list or as an object of values. The latter is read as `key=value`.
 #[derive(Serialize, Deserialize)]
 #[serde(
     untagged,
@@ -317,8 +319,8 @@ impl Tags {
     }
 }
 
-/// Reads `dataset.json` of the folder, if there is one, below what the caller gives, and the keys
-/// it does not know.
+/// Reads `dataset.json` of the folder, if there is one, with the caller's values taking precedence. Also returns the keys
+/// that it does not know.
 pub(crate) fn read(
     dir: &Path,
     given: &Overrides,
@@ -331,7 +333,7 @@ pub(crate) fn read(
     }
 }
 
-/// The part of `dataset.json` that says where a recording is from.
+/// The part of `dataset.json` that tells the origin of a recording.
 #[derive(Deserialize)]
 struct Origin {
     made_by: Option<String>,
@@ -343,13 +345,13 @@ impl Origin {
     }
 }
 
-/// Whether a process was killed while it replaced the recording in `dir`: its `dataset.json` has a hidden name.
+/// Whether a process was killed while it replaced the recording in `dir`: its `dataset.json` then has a hidden name.
 pub(crate) fn is_interrupted(dir: &Path) -> bool {
     let is_left = || hidden_in(dir).iter().any(|p| Origin::read(p).is_some());
     !files::is_there(&dir.join(FILE)) && is_left()
 }
 
-/// `made_by` of a recording, be it one that is [interrupted](is_interrupted).
+/// `made_by` of a recording, even if it is [interrupted](is_interrupted).
 pub(crate) fn maker(dir: &Path) -> Option<String> {
     let path = dir.join(FILE);
     let paths = if files::is_there(&path) {
@@ -360,8 +362,8 @@ pub(crate) fn maker(dir: &Path) -> Option<String> {
     paths.iter().find_map(|p| Origin::read(p)?.made_by)
 }
 
-/// Reads the bytes of `dataset.json`, below what the caller gives, and the keys it does not know.
-/// `path` is for messages, `dir` where a robot is looked for.
+/// Parses the bytes of `dataset.json`, with the caller's values taking precedence. Also returns the keys that it does not
+/// know. `path` is for messages; a robot is looked for in `dir`.
 pub(crate) fn parse(
     path: &Path,
     bytes: &[u8],
@@ -473,7 +475,7 @@ fn raw(
     })
 }
 
-/// Keys that the format does not know; its own would be in the file twice.
+/// Keys that the format does not know. Its own keys would occur twice in the file.
 fn others(path: &Path, extra: &BTreeMap<String, String>) -> Result<Map<String, Value>, DataError> {
     let extra = json::from_text(path, extra)?;
     for key in extra.keys() {

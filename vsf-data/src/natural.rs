@@ -1,4 +1,4 @@
-//! The order in which people count: `seq_2` before `seq_10`.
+//! Natural order: `seq_2` before `seq_10`.
 
 use std::cmp::Ordering;
 

@@ -1,21 +1,21 @@
-//! The `.npy` format of NumPy, versions 1 to 3, read without ever trusting a length in the file.
+//! The `.npy` format of NumPy, versions 1 to 3. No length in a file is trusted.
 
 use thiserror::Error;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// NumPy itself stops at 64.
+/// Largest number of dimensions; NumPy itself stops at 64.
 const MAX_RANK: usize = 32;
-/// Integers up to here are doubles without rounding.
+/// Integers up to this one are exact as doubles.
 const MAX_EXACT: u64 = 1 << 53;
 
 /// What is wrong with the bytes of a `.npy` file.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum NpyError {
-    /// The file does not start as a `.npy` file does.
+    /// The file does not start with the magic bytes of a `.npy` file.
     #[error("not a .npy file")]
     Magic,
-    /// A version of the format that is not 1.0, 2.0 or 3.0.
+    /// An unknown version of the format, not 1.0, 2.0 or 3.0.
     #[error(".npy version {major}.{minor} is unknown, expected 1.0, 2.0 or 3.0")]
     Version {
         /// Major version.
@@ -23,7 +23,7 @@ pub enum NpyError {
         /// Minor version.
         minor: u8,
     },
-    /// The header is not the Python dictionary it must be.
+    /// The header is not the required Python dictionary.
     #[error("malformed .npy header: {0}")]
     Header(&'static str),
     /// Pickled Python objects. They are never unpickled.
@@ -35,34 +35,34 @@ pub enum NpyError {
     /// Numbers in big-endian byte order.
     #[error("big-endian dtype {0:?}; save a.astype(a.dtype.newbyteorder('<'))")]
     BigEndian(String),
-    /// A dtype that is not a float or integer of at most 8 bytes; of features, nor a truth value.
+    /// A dtype that is not a float or integer of at most 8 bytes (for features, nor boolean).
     #[error(
         "dtype {0:?} is not supported, expected float (f2, f4, f8) or integer (i1 to i8, u1 to u8)"
     )]
     Dtype(String),
-    /// Not one text, where a text is expected.
+    /// Not a single text, where one is expected.
     #[error("dtype {dtype:?} with shape {shape:?}, expected one text (U), such as np.array(\"a\")")]
     Text {
-        /// The dtype there.
+        /// The dtype.
         dtype: String,
-        /// The shape there; that of one text is `[]`.
+        /// The shape; that of a single text is `[]`.
         shape: Vec<usize>,
     },
-    /// A shape that no memory could hold, or too many dimensions.
+    /// A shape that no memory could hold, or one with too many dimensions.
     #[error("absurd shape {0:?}")]
     Shape(Vec<usize>),
     /// The file ends early.
     #[error("truncated: {got} bytes of data, the shape needs {expected}")]
     Truncated {
-        /// Bytes the shape needs.
+        /// Number of bytes that the shape needs.
         expected: usize,
-        /// Bytes there are.
+        /// Number of bytes in the file.
         got: usize,
     },
-    /// The file goes on after its data.
+    /// The file has more bytes than its data.
     #[error("{extra} bytes after the data")]
     Trailing {
-        /// Bytes too many.
+        /// Number of excess bytes.
         extra: usize,
     },
     /// An integer beyond 2^53, which a double cannot hold exactly.
@@ -85,9 +85,9 @@ enum Dtype {
     Float(usize),
     Signed(usize),
     Unsigned(usize),
-    /// One byte, 1 for all but 0.
+    /// One byte; anything but 0 is read as 1.
     Bool,
-    /// So many UCS-4 characters.
+    /// Text of this many UCS-4 characters.
     Text(usize),
 }
 
@@ -98,7 +98,7 @@ struct Header<'a> {
     shape: Vec<usize>,
     /// Bytes of one element.
     size: usize,
-    /// Exactly the bytes the shape needs.
+    /// The data, exactly as many bytes as the shape needs.
     data: &'a [u8],
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<NpyArray, NpyError> {
     }
 }
 
-/// Reads an array of numbers, or of truth values as zeros and ones.
+/// Reads an array of numbers, or of booleans as zeros and ones.
 pub(crate) fn parse_with_bools(bytes: &[u8]) -> Result<NpyArray, NpyError> {
     read(parse_header(bytes)?)
 }
@@ -311,7 +311,7 @@ fn c_order(shape: &[usize], fortran: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Reads the one Python dictionary that a header is: three keys, no nesting to speak of.
+/// Parser for the Python dictionary of a header: three keys, hardly any nesting.
 struct Cursor<'a>(&'a str);
 
 impl<'a> Cursor<'a> {

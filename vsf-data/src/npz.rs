@@ -9,10 +9,10 @@ use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-/// More than this in all entries is refused: a few bytes of zip can unpack to more than any memory.
+/// Most bytes in all entries together. A few bytes of zip can unpack to more than any memory.
 const MAX_BYTES: u64 = 4 << 30;
 
-/// The entries by name, without `.npy`, and their bytes.
+/// The bytes of the entries, by name without `.npy`.
 pub(crate) fn read(path: &Path) -> Result<BTreeMap<String, Vec<u8>>, DataError> {
     read_within(path, MAX_BYTES)
 }
@@ -54,8 +54,7 @@ fn read_within(path: &Path, most: u64) -> Result<BTreeMap<String, Vec<u8>>, Data
     Ok(entries)
 }
 
-/// A name that occurs twice in the central directory, of which the `zip` crate (6.0) keeps the last
-/// entry alone.
+/// A name that occurs twice in the central directory. The `zip` crate (6.0) keeps only the last of such entries.
 fn repeated(mut directory: &[u8]) -> Option<String> {
     const HEADER: usize = 46;
     let mut names = BTreeSet::new();
@@ -73,8 +72,9 @@ fn repeated(mut directory: &[u8]) -> Option<String> {
     None
 }
 
-/// The archive of the entries, stored as `numpy.savez` does; `.npy` is added to the names. The comment of
-/// the archive, which other readers skip, names this program. `path` is for messages.
+/// Packs the entries into an archive, stored as `numpy.savez` does; `.npy` is appended to the names.
+///
+/// The comment of the archive, which other readers skip, names this program. `path` is for messages.
 pub(crate) fn encode(
     path: &Path,
     entries: &BTreeMap<String, Vec<u8>>,

@@ -1,19 +1,21 @@
-//! Test sequences that are cut out of train sequences.
+//! Test sequences that were cut out of train sequences.
 
 use crate::{DataWarning, Dataset, Sequence};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 
-/// Rows are the same where no number differs by much more than this (rad, m, N m or N): no sensor reads the same twice.
+/// Rows are the same if no number differs by much more than this (rad, m, N m or N): no sensor reads the same twice.
 const GRAIN: f64 = 1e-6;
-/// Share of the rows of a test sequence, and number of them, that are a train sequence's, too.
+/// Share and number of the rows of a test sequence that must also be in a train sequence.
 const LEAST_SHARE: f64 = 0.5;
 const LEAST_ROWS: usize = 8;
 
 impl Dataset {
-    /// Test sequences that hold rows of train sequences, trimmed or with rounding of another kind. Copies as a whole are told
-    /// of as such. A row that is in several train sequences counts for the first. In time proportional to the rows.
+    /// Test sequences that contain rows of train sequences, even if trimmed or rounded differently.
+    ///
+    /// Complete copies are reported elsewhere. A row that is in several train sequences counts for the first one. Takes
+    /// time proportional to the number of rows.
     pub(crate) fn overlapping_sequences(&self, dir: &Path) -> Option<DataWarning> {
         let train: Vec<&Sequence> = self.train().collect();
         let mut having: HashMap<u64, usize> = HashMap::new();
@@ -46,7 +48,7 @@ impl Dataset {
     }
 }
 
-/// What tells the different rows of a sequence apart, without those that read nothing.
+/// Hashes of the different rows of a sequence, without rows that read zero.
 fn rows(sequence: &Sequence) -> BTreeSet<u64> {
     let pairs = sequence.angles.iter().zip(sequence.torques.iter());
     let read = pairs.filter(|(_, torques)| torques.iter().any(|t| *t != 0.0));

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use pcd_rs::{DynReader, DynRecord, Field, PcdMeta, ValueKind};
 use std::path::Path;
 
-/// LZF packs 264 bytes into 3 at best.
+/// Best compression of LZF: 264 bytes in 3.
 const MOST_PACKED: u64 = 88;
 
 /// The points `x y z`.
@@ -14,19 +14,19 @@ pub(crate) fn points_of(path: &Path) -> Result<(Vec<Point3<f64>>, Vec<DataWarnin
     Ok((cloud.iter().map(|p| p.position).collect(), warnings))
 }
 
-/// Points and their colors: the field `rgb` or `rgba`, one number of 4 bytes with 8 bits for each of red, green and blue.
+/// Points and their colors: the field `rgb` or `rgba`, a 4-byte number with 8 bits each for red, green and blue.
 pub(crate) fn cloud_of(path: &Path) -> Result<(Vec<ColoredPoint>, Vec<DataWarning>), DataError> {
     read(path, true)
 }
 
-/// Places of the fields in a record, padding left out.
+/// Places of the fields in a record, without padding.
 struct Places {
     xyz: [usize; 3],
     color: Option<usize>,
 }
 
-/// The points of which any coordinate is a number; the others, pixels without a return as the Point Cloud Library writes
-/// them, are warned of.
+/// The points with at least one coordinate that is a number. The others, which the Point Cloud Library writes for pixels
+/// without a return, are left out with a warning.
 fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWarning>), DataError> {
     let wrong = |problem: String| DataError::Pcd {
         path: path.to_owned(),
@@ -84,7 +84,7 @@ fn read(path: &Path, with_color: bool) -> Result<(Vec<ColoredPoint>, Vec<DataWar
     Ok((cloud, warnings.chain(moved).collect()))
 }
 
-/// The header without its last line, the kind of data that this line names, and the data.
+/// Splits a file into the header without its last line, the kind of data that this line names, and the data.
 fn split(bytes: &[u8]) -> Option<(&[u8], &str, &[u8])> {
     let mut start = 0;
     for line in bytes.split_inclusive(|b| *b == b'\n') {
@@ -184,7 +184,7 @@ fn number(field: &Field) -> Option<f64> {
     })
 }
 
-/// Red, green and blue out of one number, whatever type its bits are said to be of.
+/// Red, green and blue from one number, whatever the type of its bits.
 fn color(field: &Field) -> Option<[u8; 3]> {
     let bits = match field {
         Field::F32(v) => v.first()?.to_bits(),

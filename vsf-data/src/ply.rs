@@ -123,7 +123,7 @@ fn read_vertices(
     Ok((vertices, open_ended))
 }
 
-/// What comes before the data of a file, and the data.
+/// Splits a file into its header and its data.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     const END: &[u8] = b"\nend_header";
     let at = bytes.windows(END.len()).position(|w| w == END)?;
@@ -133,7 +133,7 @@ fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     ))
 }
 
-/// Elements or properties that the header names twice: the parser takes them for one, and what follows for others.
+/// An element or property that the header names twice. The parser takes the two for one, and misreads what follows.
 fn repeated(bytes: &[u8], header: &Header) -> Option<String> {
     let (text, _) = split(bytes)?;
     let lines = |word: &str| {
@@ -150,7 +150,7 @@ fn repeated(bytes: &[u8], header: &Header) -> Option<String> {
     Some(format!("its header names {what} twice"))
 }
 
-/// A line of ASCII vertices with more numbers than they have: the parser leaves the others out.
+/// A line of ASCII vertices with more numbers than properties. The parser ignores the rest.
 fn too_long(bytes: &[u8], header: &Header) -> Option<String> {
     if header.encoding != Encoding::Ascii {
         return None;
@@ -186,7 +186,7 @@ fn is_scalar(property: &&PropertyDef) -> bool {
     matches!(property.data_type, PropertyType::Scalar(_))
 }
 
-/// The first number of ASCII vertices that is NaN or infinite: the parser takes its line for damaged.
+/// The first number of ASCII vertices that is NaN or infinite. The parser would call its line damaged.
 fn not_finite(path: &Path, bytes: &[u8], header: &Header) -> Option<DataError> {
     let (vertex, mut rows) = vertex_rows(bytes, header)?;
     rows.find_map(|(row, line)| {
@@ -212,7 +212,7 @@ pub struct ColoredPoint {
     pub color: [u8; 3],
 }
 
-/// Any other element: nothing of it is kept.
+/// Any other element; it is skipped.
 struct Skipped;
 
 impl PropertyAccess for Skipped {
@@ -225,7 +225,7 @@ impl PropertyAccess for Skipped {
     }
 }
 
-/// Position and color of a vertex; any other property leaves it alone.
+/// Position and color of a vertex; all other properties are skipped.
 struct Vertex(ColoredPoint);
 
 impl PropertyAccess for Vertex {
@@ -262,7 +262,7 @@ impl PropertyAccess for Vertex {
 }
 
 impl Vertex {
-    /// Other types only come here where positions alone are read.
+    /// Other types only occur if only positions are read.
     fn set_color(&mut self, k: usize, property: Property) -> PropertyAccessResult {
         let Property::UChar(value) = property else {
             return PropertyAccessResult::Ignored;

@@ -1,16 +1,21 @@
-//! Points of an object, whatever file they come in.
+//! Points of an object, from any supported file format.
 
 use crate::{ColoredPoint, DataError, DataWarning, StiffnessField, files, pcd, ply};
 use nalgebra::Point3;
 use std::path::Path;
 
-/// Reads points \[m\] by the ending of the file: `.ply` (`x y z` of the element `vertex`; ascii or binary), `.pcd` (the
-/// fields `x y z`; ascii, binary or binary_compressed), `.npy` (an array of shape (N, 3)), or `.npz` (those of a field).
-/// What else is in a cloud is skipped; points of a `.pcd` whose coordinates are all NaN, pixels without a return, are left
-/// out. What can be read but should be known, as of points left out, comes with them.
+/// Reads points \[m\]. The file extension determines the format:
+///
+/// - `.ply`: `x y z` of the element `vertex`; ascii or binary;
+/// - `.pcd`: the fields `x y z`; ascii, binary or binary_compressed;
+/// - `.npy`: an array of shape (N, 3);
+/// - `.npz`: the points of a field.
+///
+/// Everything else in a cloud is skipped. Points of a `.pcd` whose coordinates are all NaN (pixels without a return) are
+/// left out, with a warning.
 ///
 /// # Errors
-/// [`DataError::Argument`] for another ending; a damaged file, more or fewer points than its header says, none,
+/// [`DataError::Argument`] for another extension; a damaged file; no points, or more or fewer than the header says;
 /// coordinates that are missing, not finite or beyond 1e6 m.
 pub fn read_points(
     path: impl AsRef<Path>,
@@ -35,8 +40,9 @@ pub fn read_points(
     }
 }
 
-/// Reads the points of a `.ply` or `.pcd` as [`read_points`] does, with their colors: 8 bits each, `red green blue` in the
-/// one, a field `rgb` or `rgba` in the other.
+/// Reads the points of a `.ply` or `.pcd` file as [`read_points`] does, together with their colors.
+///
+/// Colors have 8 bits per channel: `red green blue` in a `.ply`, a field `rgb` or `rgba` in a `.pcd`.
 ///
 /// # Errors
 /// As [`read_points`]; points without color.

@@ -2,15 +2,15 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Largest entry of `R^T R - I` that still counts as rounding, in a file written with f32.
+/// Largest entry of `R^T R - I` that counts as rounding in a file written with f32.
 const TOLERANCE: f64 = 1e-6;
 
-/// Farthest of anything from the origin, as of rest points \[m\].
+/// Largest distance from the origin, also of rest points \[m\].
 pub(crate) const FARTHEST: f64 = 1e6;
 
 pub(crate) type Rows4 = [[f64; 4]; 4];
 
-/// The pose, or what keeps the matrix from being one.
+/// The pose, or why the matrix is not one.
 pub(crate) fn from_rows(m: &Rows4) -> Result<Isometry3<f64>, String> {
     if m.iter().flatten().any(|v| !v.is_finite()) {
         return Err("the matrix has an entry that is not finite".to_owned());
@@ -49,7 +49,7 @@ pub(crate) fn to_rows(pose: &Isometry3<f64>) -> Rows4 {
     [0, 1, 2, 3].map(|i| [0, 1, 2, 3].map(|j| m[(i, j)]))
 }
 
-/// Checks a pose that a caller made.
+/// Checks a pose from a caller.
 pub(crate) fn check(pose: &Isometry3<f64>) -> Result<(), String> {
     from_rows(&to_rows(pose)).map(drop)
 }

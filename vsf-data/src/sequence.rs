@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 /// The arrays of a sequence.
 pub(crate) const ARRAYS: [&str; 4] = ["time.npy", "angles.npy", "velocities.npy", "torques.npy"];
 
-/// What the folder of a sequence begins with.
+/// Prefix of the folder of a sequence.
 pub(crate) const PREFIX: &str = "seq_";
 
-/// The latest time stamp that is taken (s), before and after the clock's zero.
+/// Largest absolute time stamp (s).
 const LATEST: f64 = 1e12;
-/// Steps between samples that are taken (s): those of the highest sample rate, rounded. Speeds follow from them.
+/// Shortest accepted step between samples (s): that of the highest sample rate, rounded. Speeds are computed from it.
 const SHORTEST: f64 = 0.5e-9;
 
 /// One touch sequence: `T` samples of `d` joints.
@@ -19,7 +19,7 @@ const SHORTEST: f64 = 0.5e-9;
 pub struct Sequence {
     /// The ID; its folder is `seq_<ID>`.
     pub id: String,
-    /// Time stamps \[s\], increasing by half a nanosecond at least, within 1e12 s of zero, length `T`.
+    /// Time stamps \[s\], length `T`: they increase by at least half a nanosecond and lie within 1e12 s of zero.
     pub time: Vec<f64>,
     /// Joint angles \[rad\] (prismatic: positions \[m\]), `T` x `d`.
     pub angles: Table,
@@ -27,19 +27,20 @@ pub struct Sequence {
     pub velocities: Option<Table>,
     /// Joint torques \[N m\] (prismatic: forces \[N\]), `T` x `d`.
     pub torques: Table,
-    /// Rows, increasing, at which a new touch begins: the contact state is reset there, and at row 0, whether it is among
-    /// them or not ([`touches`](Self::touches)). `[0]` by default.
+    /// Rows, increasing, at which a new touch begins; `[0]` by default.
+    ///
+    /// The contact state is reset at these rows and at row 0, whether that is among them or not
+    /// ([`touches`](Self::touches)).
     pub touch_starts: Vec<usize>,
-    /// Free labels, never a hint of a cause. A tag that the file gives as `"key": value` reads
-    /// `key=value`.
+    /// Free labels, never a hint of a cause. A tag `"key": value` in the file is read as `key=value`.
     pub tags: Vec<String>,
 }
 
 impl Sequence {
-    /// The array of a predicted sequence that has the standard deviations of its torques; not read.
+    /// File of a predicted sequence with the standard deviations of its torques; it is not read.
     pub const DEVIATIONS: &'static str = "torques_sd.npy";
 
-    /// One touch without velocities and tags.
+    /// A sequence with a single touch, without velocities and tags.
     pub fn new(id: impl Into<String>, time: Vec<f64>, angles: Table, torques: Table) -> Self {
         Self {
             id: id.into(),
@@ -57,12 +58,12 @@ impl Sequence {
         self.angles.rows()
     }
 
-    /// Whether all torques are zero, as of a motion that is planned and not made: nothing was measured.
+    /// Whether all torques are zero, as in a planned motion that was not executed: nothing was measured.
     pub fn is_unmeasured(&self) -> bool {
         self.torques.data().iter().all(|tau| *tau == 0.0)
     }
 
-    /// True without samples.
+    /// True if there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -72,8 +73,8 @@ impl Sequence {
         self.angles.cols()
     }
 
-    /// The rows of each touch in order. Together they are all rows: the first touch begins at row
-    /// 0 even if [`touch_starts`](Self::touch_starts) begins later.
+    /// The rows of each touch, in order. Together they cover all rows: the first touch begins at row 0 even if
+    /// [`touch_starts`](Self::touch_starts) begins later.
     ///
     /// ```
     /// # use vsf_data::{Sequence, Table};
@@ -157,11 +158,11 @@ impl Sequence {
             .chain(velocities)
     }
 
-    /// Checks everything the format promises about one sequence, as [`Dataset::open`] does: arrays of one
-    /// shape, finite numbers, time stamps that increase, touches that begin within the rows and in order.
+    /// Checks everything that the format promises about one sequence, as [`Dataset::open`] does: arrays of matching shape,
+    /// finite numbers, time stamps that increase, and touches that begin within the rows and in order.
     ///
     /// # Errors
-    /// What is wrong, by the file that [`Dataset::save`] would write, in the folder `.`.
+    /// The first problem. It names the file that [`Dataset::save`] would write, in the folder `.`.
     ///
     /// ```
     /// # use vsf_data::{Sequence, Table};
@@ -178,7 +179,7 @@ impl Sequence {
         self.check_in(Path::new("."))
     }
 
-    /// [`check`](Self::check) that names files below `dir`.
+    /// [`check`](Self::check), with files named below `dir`.
     pub(crate) fn check_in(&self, dir: &Path) -> Result<(), DataError> {
         let folder = self.folder(dir);
         if self.id.is_empty() || self.id.contains(['/', '\\', '\0']) {

@@ -1,4 +1,4 @@
-//! Signals of a recording: taring and time derivatives.
+//! Signal processing of a recording: taring and time derivatives.
 
 use crate::{DataError, Sequence, Table};
 use std::ops::Range;
@@ -12,11 +12,11 @@ pub struct Derivatives {
     pub accelerations: Table,
 }
 
-/// Subtracts from every column its mean over the first `samples` rows. Zero samples change
-/// nothing.
+/// Subtracts from every column its mean over the first `samples` rows. Zero samples change nothing.
 ///
 /// # Errors
-/// [`DataError::Argument`] when the table has fewer rows, or numbers that are not finite or so large that what is left of them
+/// [`DataError::Argument`] if the table has fewer rows, if numbers are not finite, or if they are so large that the result
+/// is not finite.
 /// is not.
 ///
 /// ```
@@ -50,19 +50,17 @@ pub fn tare(torques: &Table, samples: usize) -> Result<Table, DataError> {
     Ok(tared)
 }
 
-/// Time derivative of every column: at each sample, the slope of the parabola that fits the
-/// `2 half_window + 1` nearest samples best (least squares).
+/// Time derivative of every column: at each sample, the slope of the least-squares parabola through the `2 half_window + 1`
+/// nearest samples.
 ///
-/// This is the Savitzky-Golay filter of degree 2 for any sampling times (Savitzky & Golay 1964,
-/// doi:10.1021/ac60214a047). `half_window = 1` is the plain central difference, without
-/// smoothing; on white noise a wider window of `m` evenly spaced samples divides the variance by
-/// about `m^3 / 24`. It is exact for parabolas. Near the ends the window keeps its size and is
-/// no longer centered; two samples give their straight slope.
+/// This is the Savitzky-Golay filter of degree 2 for any sampling times (Savitzky & Golay 1964, doi:10.1021/ac60214a047).
+/// It is exact for parabolas. `half_window = 1` is the plain central difference, without smoothing. On white noise, a wider
+/// window of `m` evenly spaced samples divides the variance by about `m^3 / 24`. Near the ends, the window keeps its size
+/// and is no longer centered. Two samples give their straight slope.
 ///
 /// # Errors
-/// [`DataError::Argument`] for times that do not increase or do not match the rows, values that
-/// are not finite, fewer than two samples, `half_window = 0`, or a slope beyond the range of
-/// `f64`.
+/// [`DataError::Argument`] for times that do not increase or do not match the rows, values that are not finite, fewer than
+/// two samples, `half_window = 0`, or a slope beyond the range of `f64`.
 ///
 /// ```
 /// use vsf_data::{Table, differentiate};
@@ -78,13 +76,13 @@ pub fn differentiate(time: &[f64], values: &Table, half_window: usize) -> Result
 }
 
 impl Sequence {
-    /// Velocities as recorded, or estimated from the angles; accelerations estimated from the
-    /// velocities. Both with [`differentiate`], touch by touch, since nothing is known between
-    /// two touches. A touch of one sample whose velocity is recorded has no acceleration.
+    /// Velocities as recorded, or estimated from the angles, and accelerations estimated from the velocities.
+    ///
+    /// Both estimates use [`differentiate`], touch by touch, since nothing is known between two touches. A touch of one
+    /// sample with a recorded velocity gets an acceleration of zero.
     ///
     /// # Errors
-    /// As [`Sequence::check`] and [`differentiate`]; in particular a touch of one sample without recorded
-    /// velocities.
+    /// As [`Sequence::check`] and [`differentiate`]; in particular, a touch of one sample without recorded velocities.
     pub fn derivatives(&self, half_window: usize) -> Result<Derivatives, DataError> {
         self.check()?;
         let slope =
@@ -100,7 +98,7 @@ impl Sequence {
     }
 }
 
-/// Slopes within each range; `of_one` is that of a range of one sample, if it may have any.
+/// Slopes within each range; `of_one` is the slope of a range of one sample, if it may have one.
 fn derivative(
     time: &[f64],
     values: &Table,
@@ -162,8 +160,8 @@ fn derivative(
     }
 }
 
-/// Weights of the samples at times `t` in the slope at `at` of their least-squares parabola, by
-/// polynomials that are orthogonal over the samples.
+/// Weights of the samples at times `t` in the slope at `at` of their least-squares parabola, computed from polynomials that
+/// are orthogonal over the samples.
 fn slope_weights(t: &[f64], at: f64) -> Vec<f64> {
     let n = t.len() as f64;
     let span = t[t.len() - 1] - t[0];

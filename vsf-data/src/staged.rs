@@ -9,28 +9,27 @@ use std::path::{Component, Path, PathBuf};
 use std::time::Duration;
 use tempfile::{TempDir, TempPath};
 
-/// How hidden files are named.
+/// Prefix of the names of hidden files.
 const PREFIX: &str = ".vsf-";
 const SUFFIX: &str = ".part";
-/// Nobody writes for so long: hidden files of this age are those of a process that was killed.
+/// No write takes this long: hidden files of this age are left over from a killed process.
 const STALE: Duration = Duration::from_secs(3600);
 
-/// Replaces the file `path` as a whole: a reader, and whoever comes after a killed process, finds
-/// the old bytes or the new ones.
+/// Replaces the file `path` atomically. Readers find the old bytes or the new ones, even after the process is killed.
 ///
-/// A link is followed. A device or a pipe is written to. A file that is marked read-only is kept.
+/// A link is followed. A device or a pipe is written to directly. A file that is marked read-only is kept.
 ///
 /// # Errors
-/// [`DataError::Io`]; the old file is then as it was.
+/// [`DataError::Io`]; the old file is then unchanged.
 pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), DataError> {
     write_files([(path, bytes)])
 }
 
-/// [`write_file`] of several files, none before all can be.
+/// [`write_file`] for several files. None is replaced before all of them can be.
 ///
 /// # Errors
-/// [`DataError::Io`] of the first that cannot be written; all old files are then as they were. If only a rename is refused, as
-/// over a file of another user in `/tmp`, those before it are new.
+/// [`DataError::Io`] for the first file that cannot be written; all old files are then unchanged. If only a rename is
+/// refused (for example over a file of another user in `/tmp`), the files before it are new.
 pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
     files: impl IntoIterator<Item = (P, B)>,
 ) -> Result<(), DataError> {
@@ -41,12 +40,12 @@ pub fn write_files<P: AsRef<Path>, B: AsRef<[u8]>>(
     staged.commit()
 }
 
-/// Writes files to `folder`, by their paths in it, all of them or none, and creates the folders that are missing.
+/// Writes files to `folder`, given by their paths in it, all or none. Missing folders are created.
 ///
-/// The folder itself may be a link; one in it is not followed.
+/// The folder itself may be a link; a link within it is not followed.
 ///
 /// # Errors
-/// [`DataError::Link`], [`DataError::Io`]; all old files are then as they were, but for renames as in [`write_files`].
+/// [`DataError::Link`], [`DataError::Io`]; all old files are then unchanged, except for renames as in [`write_files`].
 pub fn write_folder<P: AsRef<Path>, B: AsRef<[u8]>>(
     folder: impl AsRef<Path>,
     files: impl IntoIterator<Item = (P, B)>,
@@ -59,39 +58,41 @@ pub fn write_folder<P: AsRef<Path>, B: AsRef<[u8]>>(
     staged.commit()
 }
 
-/// Files written under hidden names, which [`commit`](Self::commit) renames. Whatever can fail for long (a full disk, a
-/// folder that may not be written) fails before that. Dropped without it, nothing has changed; of a process that is killed
-/// hidden files stay that are in nobody's way, which a later write to that folder removes.
+/// Files written under hidden names, which [`commit`](Self::commit) renames.
 ///
-/// A folder that is new gets its name once it is whole. In one that is there, files are replaced one after the other: a
-/// process that is killed meanwhile leaves it without the file that is written last.
+/// Lasting failures (a full disk, a folder without write permission) occur before the renaming. Dropping it without a
+/// commit changes nothing. A killed process leaves hidden files that are in nobody's way, and that a later write to that
+/// folder removes.
+///
+/// A new folder gets its name once it is complete. In an existing folder, files are replaced one after the other. A process
+/// killed meanwhile leaves it without the file that is written last.
 #[derive(Default)]
 pub(crate) struct Staged {
-    /// What all files lie in, if they do not lie anywhere.
+    /// The folder of all files, if they have one in common.
     folder: Option<Folder>,
     files: Vec<(TempPath, PathBuf)>,
-    /// Files that go, unless they are written.
+    /// Files to remove, unless they are written.
     removed: Vec<PathBuf>,
-    /// Digests of files in the folder.
+    /// Digests of the files written to the folder.
     written: edits::Files,
 }
 
 struct Folder {
     given: PathBuf,
-    /// Where that leads.
+    /// The target of the folder's path.
     place: PathBuf,
     state: State,
 }
 
 enum State {
-    /// To come; its files are here until then.
+    /// A folder to be created; its files are here until then.
     New(TempDir),
-    /// The names in it.
+    /// The names in an existing folder.
     There(Vec<OsString>),
 }
 
 impl Staged {
-    /// Of files in a folder, which is created with those above it, if need be.
+    /// For files in a folder, which is created with its parents if it does not exist.
     pub fn below(folder: &Path) -> Result<Self, DataError> {
         let failed = |e| DataError::io("create", folder, e);
         if folder.is_symlink() && !folder.exists() {
@@ -177,7 +178,7 @@ impl Staged {
         Ok(())
     }
 
-    /// Removes a file, if there is one, where nothing is written in its place.
+    /// Marks a file for removal, if there is one and nothing is written in its place.
     pub fn remove(&mut self, path: &Path) -> Result<(), DataError> {
         self.removed.push(self.place_of(path)?);
         Ok(())
@@ -190,12 +191,12 @@ impl Staged {
         }
     }
 
-    /// Digests of the files of the folder that were written so far.
+    /// Digests of the files written to the folder so far.
     pub fn written(&self) -> &edits::Files {
         &self.written
     }
 
-    /// Whether this file of the folder is to be written.
+    /// Whether this file of the folder will be written.
     pub fn holds(&self, path: &Path) -> bool {
         let place = self.folder.as_ref().and_then(|f| f.place_of(path).ok());
         place.is_some_and(|place| {
@@ -212,8 +213,8 @@ impl Staged {
         matches!(state, Some(State::New(_)))
     }
 
-    /// Puts all files in their places, in the order in which they were written, and removes what is to go; refused where another program has
-    /// changed the folder meanwhile.
+    /// Moves all files to their places, in the order in which they were written, and removes those marked for removal.
+    /// Refused if another program has changed the folder meanwhile.
     pub fn commit(self) -> Result<(), DataError> {
         let mut created = Created::default();
         let mut aside = None;
@@ -272,7 +273,8 @@ impl Staged {
 }
 
 impl Folder {
-    /// Where a file in it is written. What is there must be no link, nor lie behind one: that file would be another's.
+    /// The place of a file in the folder. It must neither be a link nor lie behind one, since the file would then belong
+    /// elsewhere.
     fn place_of(&self, path: &Path) -> Result<PathBuf, DataError> {
         let inside = path.strip_prefix(&self.given).ok();
         let plain = |p: &&Path| p.components().all(|c| matches!(c, Component::Normal(_)));
@@ -298,7 +300,7 @@ fn nowhere() -> Error {
     Error::new(ErrorKind::NotFound, "it is a link that leads nowhere")
 }
 
-/// The folder that a path is in, `.` of a name alone.
+/// The folder of a path; `.` for a bare name.
 fn parent(path: &Path) -> &Path {
     match path.parent() {
         Some(above) if !above.as_os_str().is_empty() => above,
@@ -306,7 +308,7 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// The folder that is there of those above a path.
+/// The nearest existing folder above a path.
 fn existing(path: &Path) -> &Path {
     let mut above = path.ancestors().skip(1);
     match above.find(|p| p.exists()) {
@@ -315,14 +317,14 @@ fn existing(path: &Path) -> &Path {
     }
 }
 
-/// A file that is to be replaced or removed, under another name until then; it comes back where it is dropped.
+/// A file to be replaced or removed, under another name until then. Dropping it restores the file.
 struct Aside {
     file: Option<TempPath>,
     place: PathBuf,
 }
 
 impl Aside {
-    /// Nothing where there is no such file.
+    /// `None` if there is no such file.
     fn put(place: &Path) -> Result<Option<Self>, DataError> {
         if !place.is_file() {
             return Ok(None);
@@ -336,7 +338,7 @@ impl Aside {
         Ok(Some(Self { file, place }))
     }
 
-    /// Drops the old file.
+    /// Deletes the old file.
     fn remove(mut self) {
         self.file = None;
     }
@@ -351,14 +353,14 @@ impl Drop for Aside {
     }
 }
 
-/// Files that are in nobody's way: readers do not see names that begin with a dot.
+/// Builder of hidden files. They are in nobody's way, since readers ignore names that begin with a dot.
 fn hidden() -> tempfile::Builder<'static, 'static> {
     let mut options = tempfile::Builder::new();
     options.prefix(PREFIX).suffix(SUFFIX);
     options
 }
 
-/// The hidden files and folders that are left in a folder, or are being written there.
+/// The hidden files and folders in a folder, left over or being written.
 pub(crate) fn hidden_in(folder: &Path) -> Vec<PathBuf> {
     let is_hidden = |path: &PathBuf| {
         let name = path.file_name().unwrap_or_default().as_encoded_bytes();
@@ -368,7 +370,7 @@ pub(crate) fn hidden_in(folder: &Path) -> Vec<PathBuf> {
     all.into_iter().filter(is_hidden).collect()
 }
 
-/// Removes what killed processes have left in a folder. What cannot be removed is in nobody's way.
+/// Removes what killed processes left in a folder. What cannot be removed is in nobody's way.
 fn remove_stale(folder: &Path) {
     for path in hidden_in(folder) {
         let Ok(found) = path.symlink_metadata() else {
@@ -385,7 +387,7 @@ fn remove_stale(folder: &Path) {
     }
 }
 
-/// The names in a folder but those that begin with a dot, such as files of other programs to come.
+/// The names in a folder that do not begin with a dot; the latter may be files that other programs are writing.
 fn visible(folder: &Path) -> Result<Vec<OsString>, DataError> {
     let names = files::list(folder)?.into_iter();
     let names = names.filter_map(|path| path.file_name().map(ToOwned::to_owned));
@@ -394,12 +396,12 @@ fn visible(folder: &Path) -> Result<Vec<OsString>, DataError> {
         .collect())
 }
 
-/// Folders that did not exist before, parents first; they go where they are not cleared.
+/// Folders that were created, parents first. They are removed on drop unless the list is cleared.
 #[derive(Default)]
 struct Created(Vec<PathBuf>);
 
 impl Created {
-    /// Creates a folder and those above it.
+    /// Creates a folder and its parents.
     fn folder(&mut self, path: &Path) -> Result<(), DataError> {
         let mut missing: Vec<_> = (path.ancestors())
             .take_while(|p| !p.as_os_str().is_empty() && !p.exists())

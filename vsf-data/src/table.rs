@@ -1,10 +1,10 @@
 use crate::DataError;
 use std::ops::Index;
 
-/// Numbers in rows and columns, stored row by row: one row per sample, one column per joint.
+/// A matrix of numbers, stored row by row: one row per sample, one column per joint.
 ///
-/// Like a slice, it is read with [`get`](Self::get) or, where the row is known to exist, with
-/// `table[row]`, which panics beyond the last row.
+/// Like a slice, it is read with [`get`](Self::get) or, if the row is known to exist, with `table[row]`, which panics
+/// beyond the last row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     cols: usize,
@@ -12,10 +12,10 @@ pub struct Table {
 }
 
 impl Table {
-    /// Takes `data`, row after row of `cols` numbers.
+    /// Creates a table from `data`, row after row with `cols` numbers each.
     ///
     /// # Errors
-    /// [`DataError::Argument`] for no columns, or data that does not fill its last row.
+    /// [`DataError::Argument`] if there are no columns, or if `data` does not fill its last row.
     ///
     /// ```
     /// let t = vsf_data::Table::new(2, vec![1.0, 2.0, 3.0, 4.0])?;
@@ -48,7 +48,7 @@ impl Table {
         &self.data
     }
 
-    /// All numbers, row after row, to change in place.
+    /// All numbers, row after row, mutably.
     pub fn data_mut(&mut self) -> &mut [f64] {
         &mut self.data
     }

@@ -2,12 +2,12 @@ use crate::{listed, sequence};
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Something in a recording that can be read but that a person should know.
+/// Something in a recording that does not prevent reading it, but that one should know about.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum DataWarning {
-    /// `dataset.json` or `camera.json` has keys this version does not know. They are kept and
-    /// written back, and have no effect.
+    /// `dataset.json` or `camera.json` has keys that this version does not know. They have no effect, but are kept and
+    /// written back.
     #[error("{}: unknown keys have no effect: {}", path.display(), keys.join(", "))]
     UnknownKeys {
         /// The file.
@@ -15,8 +15,8 @@ pub enum DataWarning {
         /// The keys.
         keys: Vec<String>,
     },
-    /// `dataset.json` tells of a clamped specimen, which also pulls. The keys are kept; no model in
-    /// this workspace follows them.
+    /// `dataset.json` describes a clamped specimen, which also pulls. The keys are kept, but no model in this workspace
+    /// uses them.
     #[error(
         "{}: a clamped specimen is taken as one that is pushed; these keys have no effect: {}",
         path.display(), keys.join(", ")
@@ -27,38 +27,38 @@ pub enum DataWarning {
         /// The keys, `attachment` or `gauge_length`.
         keys: Vec<&'static str>,
     },
-    /// Arrays in the folders of sequences that the format does not know. They are not read.
+    /// The folders of sequences have arrays that the format does not know. They are not read.
     #[error(
         "{}: not read; the arrays of a sequence are {}{}", path.display(), sequence::ARRAYS.join(", "),
         more_of_kind(*others)
     )]
     OtherArrays {
-        /// The first.
+        /// The first of them.
         path: PathBuf,
-        /// Further ones.
+        /// Number of further ones.
         others: usize,
     },
-    /// Rest points lie outside the box of the object (by more than a micrometer).
+    /// Rest points lie outside the object's bounding box, by more than a micrometer.
     #[error("{}: {count} of {total} points lie outside object_bbox", path.display())]
     PointsOutsideBox {
-        /// The points.
+        /// The file of the points.
         path: PathBuf,
-        /// How many.
+        /// Number of such points.
         count: usize,
-        /// Out of how many.
+        /// Number of all points.
         total: usize,
     },
-    /// Points without coordinates, as pixels without a return are written. They are left out.
+    /// Points have no coordinates, as written for pixels without a return. They are left out.
     #[error("{}: {count} of {total} points have no coordinates (NaN), left out", path.display())]
     WithoutReturn {
-        /// The points.
+        /// The file of the points.
         path: PathBuf,
-        /// How many.
+        /// Number of such points.
         count: usize,
-        /// Out of how many.
+        /// Number of all points.
         total: usize,
     },
-    /// A PCD file that says where its sensor was. Points are taken as they are written, in the frame of the world.
+    /// A PCD file states the pose of its sensor. It is not applied: points are taken as they are, in the world frame.
     #[error(
         "{}: VIEWPOINT {} is not applied: if the points are in the frame of the sensor, bring them into that of the world first",
         path.display(), pose.map(|v| v.to_string()).join(" ")
@@ -66,21 +66,21 @@ pub enum DataWarning {
     Viewpoint {
         /// The points.
         path: PathBuf,
-        /// Place (m) and unit quaternion (w first).
+        /// Position (m) and unit quaternion (w first).
         pose: [f64; 7],
     },
-    /// Rest points in the place of others: springs there share what is one stiffness.
+    /// Rest points repeat others. The springs of such points share what is a single stiffness.
     #[error(
         "{}: {count} of {total} points repeat others, the first in row {row} that of row {of}; their stiffness is \
          shared out between them",
         path.display()
     )]
     RepeatedPoints {
-        /// The points.
+        /// The file of the points.
         path: PathBuf,
-        /// How many repeat one before them.
+        /// Number of points that repeat an earlier one.
         count: usize,
-        /// Out of how many.
+        /// Number of all points.
         total: usize,
         /// Row of the first of them, from 0.
         row: usize,
@@ -95,7 +95,7 @@ pub enum DataWarning {
         /// Their IDs.
         ids: Vec<String>,
     },
-    /// Sequences whose torques are all zero: a sensor that was not recorded, or a planned motion.
+    /// All torques of some sequences are zero: a sensor that was not recorded, or a planned motion.
     #[error(
         "{}: torques are all zero, as if nothing was measured, in sequence {}; right for motions that are planned and not made",
         path.display(),
@@ -107,8 +107,8 @@ pub enum DataWarning {
         /// Their IDs.
         ids: Vec<String>,
     },
-    /// Test sequences with the very angles of train sequences, and other torques: no measured touch repeats another to
-    /// the last digit, and one that is simulated again tests no place that was not touched.
+    /// Test sequences have exactly the angles of train sequences, but other torques. No measured touch repeats another to
+    /// the last digit, and one that is simulated again tests no new place.
     #[error(
         "{}: test sequence {first} has the very angles of train sequence {of}: errors on it are those of a touch that \
          was trained on{}",
@@ -118,14 +118,15 @@ pub enum DataWarning {
     RetracedSequences {
         /// The data set.
         path: PathBuf,
-        /// ID of the first test sequence of that kind.
+        /// ID of the first such test sequence.
         first: String,
-        /// ID of the train sequence with its angles.
+        /// ID of the train sequence with the same angles.
         of: String,
-        /// Further ones.
+        /// Number of further ones.
         others: usize,
     },
-    /// Sequences with the angles and torques of others: they count twice, and where the other trains they test nothing.
+    /// Sequences are copies of others, angles and torques alike. They count twice, and test nothing if the other is a train
+    /// sequence.
     #[error(
         "{}: sequence {first} is a copy of {of}, angles and torques alike: it counts twice, and errors on the one are not \
          those of touches unseen if the other trains{}",
@@ -139,10 +140,10 @@ pub enum DataWarning {
         first: String,
         /// ID of the sequence that it is a copy of.
         of: String,
-        /// Further copies.
+        /// Number of further copies.
         others: usize,
     },
-    /// Test sequences half of whose rows, or more, are those of a train sequence.
+    /// At least half of the rows of a test sequence are rows of a train sequence.
     #[error(
         "{}: {rows} rows of the test sequence {first} are rows of the train sequence {of}, angles and torques alike, as if the one \
          were cut out of the other: errors there are those of a fit{}",
@@ -156,12 +157,12 @@ pub enum DataWarning {
         first: String,
         /// ID of the train sequence.
         of: String,
-        /// Rows that both have.
+        /// Number of common rows.
         rows: usize,
-        /// Further test sequences of that kind.
+        /// Number of further test sequences of that kind.
         others: usize,
     },
-    /// Sequences with the torques of others to the last digit, and other angles: no sensor reads the same twice.
+    /// Sequences have exactly the torques of others, but other angles. No sensor reads the same twice.
     #[error(
         "{}: sequence {first} has the very torques of {of}, with other angles: one of the two has the other's file{}",
         path.display(),
@@ -172,13 +173,13 @@ pub enum DataWarning {
         path: PathBuf,
         /// ID of the first of them.
         first: String,
-        /// ID of the sequence whose torques it has.
+        /// ID of the sequence with the same torques.
         of: String,
-        /// Further ones.
+        /// Number of further ones.
         others: usize,
     },
-    /// Time stamps that go on slower or faster than the metadata say, by more than a factor of 2; or of 1.2, where those of
-    /// no sequence are any closer. The stamps count.
+    /// Time stamps disagree with the sample rate in the metadata, by more than a factor of 2, or of 1.2 if no sequence is
+    /// any closer. The time stamps are used.
     #[error(
         "{}: rate_hz = {rate_hz:?}, but most samples of sequence {} are {step:.3e} s apart; the time stamps count{}",
         path.display(), listed(ids),
@@ -187,14 +188,14 @@ pub enum DataWarning {
     OtherRate {
         /// The metadata file.
         path: PathBuf,
-        /// What it says (Hz).
+        /// The rate in the metadata (Hz).
         rate_hz: f64,
-        /// Median time between samples (s), of the first of the sequences.
+        /// Median time between samples (s) of the first of the sequences.
         step: f64,
         /// IDs of the sequences.
         ids: Vec<String>,
     },
-    /// Sequences that were over before one began that is named before them. A session goes by names.
+    /// Sequences were over before a sequence began whose name comes earlier. Sessions are ordered by name.
     #[error(
         "{}: sequence {first} was over before {of} began, but is taken to follow it: sessions go by the order of names, and \
          what drifts, wears or softens comes out wrong; name sequences in the order of recording{}",
@@ -206,50 +207,49 @@ pub enum DataWarning {
         path: PathBuf,
         /// ID of the first of them.
         first: String,
-        /// ID of the sequence named before it.
+        /// ID of the sequence with the earlier name.
         of: String,
-        /// Further ones.
+        /// Number of further ones.
         others: usize,
     },
-    /// Samples most of which are further apart than the pause that ends a sequence, as where times are not in seconds.
+    /// Most samples are further apart than the pause that ends a sequence, as if times were not in seconds.
     #[error(
         "{}: the {count} samples fall into {sequences} sequences, at pauses of more than {gap:?} s: times must be in \
          seconds, and poses in which the robot only rests take a longer gap", path.display()
     )]
     SingleSamples {
-        /// The file; the first one that is so.
+        /// The first such file.
         path: PathBuf,
-        /// How many.
+        /// Number of samples.
         count: usize,
-        /// Of how many sequences.
+        /// Number of sequences.
         sequences: usize,
         /// The pause (s).
         gap: f64,
     },
-    /// Text files whose last line has no end, as of writers that were interrupted.
+    /// The last line of text files is not terminated, as if the writer was interrupted.
     #[error(
         "{}: its last line has no end; if the file was cut off there, the last number is not all that was written{}",
         path.display(),
         more_of_kind(*others)
     )]
     NoLineEnd {
-        /// The first.
+        /// The first of them.
         path: PathBuf,
-        /// Further ones.
+        /// Number of further ones.
         others: usize,
     },
-    /// Joint states without any of the robot's joints, as of a gripper on the same topic. They are
-    /// left out.
+    /// Joint states have none of the robot's joints, for example those of a gripper on the same topic. They are left out.
     #[error("{} {topic}: {count} messages have none of the robot's joints, left out", path.display())]
     OtherJoints {
         /// The file.
         path: PathBuf,
         /// The topic.
         topic: String,
-        /// How many.
+        /// Number of such joint states.
         count: usize,
     },
-    /// Contact-free samples at the start of the sequences that a file names say nothing about those
+    /// The number of contact-free samples in the file is not used: it applies to the sequences named there, not to those
     /// split by a gap.
     #[error(
         "{}: tare_samples = {tare_samples} is of the sequences attached to the file, left out", path.display()
@@ -257,22 +257,22 @@ pub enum DataWarning {
     TareSamplesLeftOut {
         /// The file.
         path: PathBuf,
-        /// What it says.
+        /// The number in the file.
         tare_samples: usize,
     },
-    /// A field has `K_std` without the mark that says what it is. It is not used: OpenVSF
-    /// writes the variance under this name.
+    /// A field has `K_std` without the mark that says what it is. It is not used, since OpenVSF writes the variance under
+    /// this name.
     #[error("{}: K_std does not say whether it is a variance or a standard deviation; not used", path.display())]
     UnmarkedDeviation {
         /// The field.
         path: PathBuf,
     },
-    /// Something in a field's folder or archive that is not an array of this format.
+    /// A folder or archive of a field has something that is not an array of this format.
     #[error("{}: ignored, {why}", path.display())]
     Ignored {
         /// The file or entry.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         why: &'static str,
     },
 }

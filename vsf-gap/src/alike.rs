@@ -1,4 +1,4 @@
-//! What the stiffness absorbs of effects, and which of them look alike.
+//! How much of each effect the stiffness absorbs, and which effects look alike.
 
 use crate::GapError;
 use crate::evidence::{Factor, Normal, Spread};
@@ -7,10 +7,10 @@ use crate::search::{Candidate, Search};
 use faer::Mat;
 use std::collections::BTreeMap;
 
-/// Share of an effect's torques that another must imitate for the two to be one group.
+/// Share of an effect's torques that another one must imitate for the two to be ambiguous.
 const ALIKE: f64 = 0.9;
 
-/// The effects of a search beside each other, and beside the stiffness.
+/// Similarity of the effects of a search to each other and to the stiffness.
 pub(crate) struct Likeness {
     /// The share of every candidate's information that the stiffness absorbs: see [`Likeness::absorbed`].
     absorbed: BTreeMap<String, f64>,
@@ -19,7 +19,7 @@ pub(crate) struct Likeness {
 }
 
 impl Likeness {
-    /// Of the effects of a search.
+    /// Computes the similarity of the effects of a search.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -44,21 +44,21 @@ impl Likeness {
         })
     }
 
-    /// The effects that imitate another one, the stiffness being free.
+    /// The effects that imitate another one when the stiffness is free.
     pub(crate) fn ambiguous_with(&self, effect: &str) -> Vec<String> {
         let alike = |(a, _, share): &&(String, String, f64)| a == effect && *share > ALIKE;
         let with = self.pairs.iter().filter(alike).map(|(_, b, _)| b.clone());
         with.collect()
     }
 
-    /// The share of an effect's information that the stiffness absorbs, 0 to 1; `None` of effects that change nothing
-    /// or were not looked for.
+    /// The share of an effect's information that the stiffness absorbs, 0 to 1; `None` for effects that change nothing or
+    /// were not looked for.
     pub(crate) fn absorbed(&self, effect: &str) -> Option<f64> {
         self.absorbed.get(effect).copied()
     }
 }
 
-/// What is left of a tangent, the stiffness being free, beside what it would tell were the stiffness known.
+/// The share of a tangent's information that is lost when the stiffness is free instead of known.
 fn absorbed(tangent: &Tangent, free: &Factor, known: &Factor) -> Option<f64> {
     let columns = &tangent.columns;
     let n = columns.first()?.len();

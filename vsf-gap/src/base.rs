@@ -1,4 +1,4 @@
-//! The nominal model as effects are measured against it.
+//! The nominal model, against which effects are measured.
 
 use crate::evidence::Spread;
 use crate::fitted::Fitted;
@@ -11,17 +11,17 @@ use rayon::prelude::*;
 pub(crate) struct Base {
     /// Its stiffness per rest point (N/m).
     pub(crate) field: Vec<f64>,
-    /// The spread of the stiffness that suits best, within the lattice or beyond.
+    /// The spread of the stiffness that suits best, within the lattice or beyond it.
     pub(crate) raised: Spread,
-    /// The same with the roughness that suits best.
+    /// The same spread with the roughness that suits best.
     pub(crate) spread: Spread,
-    /// Log evidence, roughness averaged (nats, without constants).
+    /// Log evidence, averaged over roughness (nats, without constants).
     pub(crate) log_evidence: f64,
 }
 
 impl Campaign {
-    /// The nominal model by the best spread within the lattice. Points whose stiffness comes out negative are taken out of
-    /// `nominal`.
+    /// The nominal model under the best spread within the lattice. Points whose stiffness comes out negative are removed
+    /// from `nominal`.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -43,10 +43,10 @@ impl Campaign {
         })
     }
 
-    /// The log evidence of a model, its parameters being as they are.
+    /// The log evidence of a model with its parameters as they are.
     ///
     /// # Errors
-    /// Rows that contact cannot take, parameters that an effect cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; parameters that an effect cannot take; a covariance that is not positive definite.
     pub(crate) fn log_evidence(&self, model: &Model) -> Result<f64, GapError> {
         let mut fitted = self.fitted(model, self.train.iter())?;
         let stiffness = fitted.best_stiffness(CONTACT[1], JOINT[1])?;
@@ -56,7 +56,7 @@ impl Campaign {
     }
 }
 
-/// At each spread.
+/// Log evidence at each spread.
 fn evidence(nominal: &Fitted<'_>, spreads: &[Spread]) -> Result<Vec<f64>, GapError> {
     (spreads.par_iter())
         .map(|s| nominal.log_evidence(s))

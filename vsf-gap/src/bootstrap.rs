@@ -3,30 +3,31 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::ops::Range;
 
-/// Length of a block of samples that is drawn as a whole (s), fewest blocks, and number of draws.
+/// Length (s) of the blocks of samples that are drawn as a whole, fewest blocks, and number of draws.
 const LENGTH: f64 = 3.0;
 const FEWEST: f64 = 8.0;
 const DRAWS: usize = 2000;
-/// Share of the draws that may be below what is said of most of them.
+/// Share of the draws that may lie below a lower bound.
 const BELOW: f64 = 0.05;
-/// 95 % of a normal distribution lie within so many deviations.
+/// 95 % of a normal distribution lie within this many standard deviations.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// What is made of sums over samples.
+/// A statistic of sums over samples, with its bounds.
 pub(crate) struct Bounded {
     pub(crate) value: f64,
-    /// Interval of 95 %.
+    /// 95 % interval.
     pub(crate) interval: [f64; 2],
-    /// What it is above in 95 % of the draws.
+    /// Lower bound: the statistic exceeds it in 95 % of the draws.
     pub(crate) least: f64,
 }
 
-/// Intervals of what is made of sums over samples, by drawing blocks of them: neighbors are not independent.
+/// Block bootstrap: intervals of statistics of sums over samples. Blocks are drawn, since neighboring samples are not
+/// independent.
 ///
-/// With few blocks draws vary less than they should; the percentiles taken are further out by as much (T. Hesterberg, What
-/// Teachers Should Know About the Bootstrap, 2015, doi:10.1080/00031305.2015.1089789, section 4.4).
+/// With few blocks, draws vary less than they should, so percentiles further out are taken to compensate (T. Hesterberg,
+/// What Teachers Should Know About the Bootstrap, 2015, doi:10.1080/00031305.2015.1089789, section 4.4).
 pub(crate) struct Bootstrap {
-    /// Each within a sequence; samples count on from one sequence to the next.
+    /// Each block lies within a sequence. Samples are numbered through from one sequence to the next.
     blocks: Vec<Range<usize>>,
     rng: Pcg64Mcg,
 }
@@ -58,7 +59,7 @@ impl Bootstrap {
         }
     }
 
-    /// What `statistic` makes of `width` sums over all samples, each with its intervals. `add` adds a sample to the sums.
+    /// The `statistic` of `width` sums over all samples, with its intervals. `add` adds a sample to the sums.
     pub(crate) fn intervals(
         &mut self,
         width: usize,
@@ -97,15 +98,15 @@ impl Bootstrap {
     }
 }
 
-/// Share of the draws of `n` blocks that lie beyond either end of an interval of 95 %.
+/// Share of the draws of `n` blocks that lie beyond either end of a 95 % interval.
 fn tail(n: usize) -> f64 {
     let n = n.max(2) as f64;
     let deviations = (n / (n - 1.0)).sqrt() * student(n - 1.0);
     0.5 * libm::erfc(deviations / std::f64::consts::SQRT_2)
 }
 
-/// 95 % of Student's distribution of so many degrees of freedom lie within this (Fisher and Cornish's expansion: 1 % too small
-/// with three, 24 % with one).
+/// 95 % of Student's distribution with so many degrees of freedom lie within this (Fisher and Cornish's expansion: 1 % too
+/// small with three, 24 % with one).
 fn student(freedom: f64) -> f64 {
     let z = |power| Z.powi(power);
     Z + (z(3) + Z) / (4.0 * freedom)

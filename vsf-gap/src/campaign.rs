@@ -9,31 +9,33 @@ use std::sync::Arc;
 use vsf_data::{Dataset, Sequence};
 use vsf_pipeline::{Scene, SceneOptions, robot_of};
 
-/// A recording as a diagnosis sees it. A clone shares sequences, points, link shapes and known contacts.
+/// A recording, prepared for diagnosis.
+///
+/// A clone shares sequences, points, link shapes and known contacts.
 #[derive(Clone)]
 pub struct Campaign {
     name: String,
     pub(crate) site: Site,
     pub(crate) scene: Scene,
-    /// The scene in which fields are estimated, if it is another.
+    /// The scene in which fields are estimated, if it is another one.
     fields: Option<Scene>,
-    /// Whether the contact threshold was left open, so that the readings may decide on it.
+    /// Whether the contact threshold was left open, so that the readings may determine it.
     pub(crate) threshold_is_free: bool,
     /// Sequences that the model is fitted to, in session order.
     pub(crate) train: Arc<[Motion]>,
     /// Sequences that check it.
     pub(crate) test: Arc<[Motion]>,
     pub(crate) noise: Vec<JointNoise>,
-    /// Whether noise of a joint was read in contact, for want of readings in the air other than zero.
+    /// Whether the noise of a joint was read in contact, for want of readings in the air other than zero.
     pub(crate) noise_is_bound: bool,
     /// Joints whose readings are rounded by more than their noise.
     pub(crate) rounded: Vec<(usize, Rounding)>,
-    /// Whether the last train sequence checks, for want of a test split.
+    /// Whether the last train sequence is held out for the check, for want of a test split.
     pub(crate) held_out: bool,
     touched: Touched,
-    /// Whether the train sequences hold free motion.
+    /// Whether the train sequences contain free motion.
     moves_free: bool,
-    /// Of train and test sequences.
+    /// Contacts of the train and test sequences.
     contacts: Arc<[KnownContacts]>,
 }
 
@@ -50,24 +52,24 @@ impl std::fmt::Debug for Campaign {
     }
 }
 
-/// A point is touched again once it was let off and pressed anew by this share of its deepest touch.
+/// A point is touched again if it was let go and pressed anew by this share of its deepest touch.
 const ANEW: f64 = 0.2;
 
-/// Samples without contact that are free motion.
+/// Fewest samples without contact that count as free motion.
 pub(crate) const FREE: usize = 16;
 
 /// What the train sequences touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Touched {
     Nothing,
-    /// Every point once at most.
+    /// Every point at most once.
     Once,
-    /// Some point again after it was let off.
+    /// Some point again after it was let go.
     Again,
 }
 
 impl Touched {
-    /// By the train sequences and their logs.
+    /// From the train sequences and their logs.
     fn of(points: usize, train: &[Motion], logs: &[Arc<ContactLog>]) -> Self {
         #[derive(Clone, Copy, Default)]
         struct Depth {
@@ -106,12 +108,14 @@ impl Touched {
 }
 
 impl Campaign {
-    /// Prepares a recording, in the contact of the options; where it was computed in one of its own, [`SceneOptions::of`] it. Without
-    /// rest points, or without a stored field's, the arm is taken to
-    /// move in free air. Without a test split the last train sequence checks, where there are two.
+    /// Prepares a recording with the contact parameters of the options.
+    ///
+    /// If the torques of the recording were computed in a contact of their own, take the options from [`SceneOptions::of`].
+    /// Without rest points, or those of a stored field, the arm is taken to move in free air. Without a test split, the
+    /// last train sequence is held out for the check if there are two or more.
     ///
     /// # Errors
-    /// Robot, scene, torques or motions that cannot be read, rows that contact cannot take.
+    /// A robot, scene, torques or motions that cannot be read; rows that contact cannot take.
     pub fn open(dataset: &Dataset, options: &SceneOptions) -> Result<Self, GapError> {
         let scene = if dataset.rest_points.is_none() && dataset.field.is_none() {
             Scene::in_air(dataset, robot_of(dataset, &options.packages)?)?
@@ -121,10 +125,10 @@ impl Campaign {
         Self::in_scene(dataset, scene)
     }
 
-    /// [`Campaign::open`] of a recording whose scene is at hand.
+    /// [`Campaign::open`] with a scene that already exists.
     ///
     /// # Errors
-    /// What [`Scene::check_recording`] refuses, torques or motions that cannot be read, rows that contact cannot take.
+    /// What [`Scene::check_recording`] refuses; torques or motions that cannot be read; rows that contact cannot take.
     pub fn in_scene(dataset: &Dataset, scene: Scene) -> Result<Self, GapError> {
         dataset.check()?;
         scene.check_recording(dataset)?;
@@ -205,11 +209,12 @@ impl Campaign {
         Ok(campaign)
     }
 
-    /// With errors told of fields in the contact in which one estimates them ([`Scene::with_suited_threshold`]), under
-    /// models that do not [follow the contact](Model::follows_contact). Effects are looked for in the scene's own contact
-    /// all the same, in which the constants of the judgment were settled, unless another threshold explains as much as
-    /// they do: it is taken for unknown. Where surfaces are drawn in by more than the threshold that suits the points, fields
-    /// keep the scene's contact.
+    /// Makes a diagnosis report the errors of fields in the contact in which one estimates them
+    /// ([`Scene::with_suited_threshold`]), for models that do not [follow the contact](Model::follows_contact).
+    ///
+    /// Effects are still looked for in the scene's own contact, for which the constants of the judgment were calibrated.
+    /// The exception is another threshold that explains as much as the effects do: then the threshold is taken for unknown.
+    /// If surfaces are drawn in by more than the threshold that suits the points, fields keep the scene's contact.
     #[must_use]
     pub fn with_suited_fields(self) -> Self {
         let suited = self.scene.with_suited_threshold().ok();
@@ -220,13 +225,15 @@ impl Campaign {
         }
     }
 
-    /// The campaign in the contact of [`Campaign::with_suited_fields`], if it is another, to estimate fields in; the noise
-    /// of the readings is taken to be the same.
+    /// The campaign in the contact of [`Campaign::with_suited_fields`], to estimate fields in; `None` if that is no other
+    /// contact.
+    ///
+    /// The noise of the readings is taken to be the same.
     pub fn suited(&self) -> Option<Self> {
         Some(self.in_contact_of(self.fields.clone()?))
     }
 
-    /// The campaign in any scene that differs in contact alone, to estimate fields in.
+    /// The campaign in a scene that differs in contact alone, to estimate fields in.
     pub(crate) fn in_contact_of(&self, scene: Scene) -> Self {
         Self {
             scene,
@@ -235,7 +242,8 @@ impl Campaign {
         }
     }
 
-    /// The campaign in such a scene to look for effects in: with what is touched there. Its contact is chosen.
+    /// The campaign in such a scene, to look for effects in. What is touched is determined anew, and the contact counts as
+    /// chosen.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -250,7 +258,7 @@ impl Campaign {
         Ok(other)
     }
 
-    /// What the train sequences touch, by their logs.
+    /// Determines what the train sequences touch, from their logs.
     fn take_in(&mut self, logs: &[Arc<ContactLog>]) {
         let free = (logs.iter().flat_map(|l| &l.contacts)).filter(|c| c.is_empty());
         self.moves_free = free.count() >= FREE;
@@ -262,22 +270,24 @@ impl Campaign {
         &self.name
     }
 
-    /// Robot and object.
+    /// The robot and the object.
     pub fn site(&self) -> &Site {
         &self.site
     }
 
-    /// Contact; of an arm in free air, with nothing.
+    /// The scene, which gives the contacts; for an arm in free air it has no points.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// Noise of every joint's reading in a sample of the train sequences.
+    /// Noise of each joint's reading, per sample of the train sequences.
     pub fn noise(&self) -> &[JointNoise] {
         &self.noise
     }
 
-    /// Whether noise of a joint was read in contact, for want of readings in the air other than zero: then it is at most that.
+    /// Whether the noise of a joint is only an upper bound.
+    ///
+    /// It is if it had to be read in contact, because there are no readings in the air other than zero.
     pub fn noise_is_bound(&self) -> bool {
         self.noise_is_bound
     }
@@ -287,14 +297,16 @@ impl Campaign {
         &self.train
     }
 
-    /// The sequences that check it.
+    /// The sequences that check the model.
     pub fn test(&self) -> &[Motion] {
         &self.test
     }
 
-    /// Contacts of several sequences. Of sequences of this campaign, or of a clone, themselves and no copies, they are
-    /// remembered: those of the nominal model, which all models share whose effects leave contacts as they are, and of the
-    /// last few other models.
+    /// Contacts of several sequences under a model.
+    ///
+    /// Contacts are cached for the sequences of this campaign or of a clone, if the very same objects are passed and not
+    /// copies. The cache holds those of the nominal model, which all models share whose effects leave contacts as they are,
+    /// and those of the last few other models.
     ///
     /// # Errors
     /// As [`Campaign::contact_log`].
@@ -317,14 +329,14 @@ impl Campaign {
         motions.par_iter().map(log).collect()
     }
 
-    /// All sequences in session order.
+    /// All sequences, in session order.
     pub fn session(&self) -> Vec<&Motion> {
         let mut all: Vec<&Motion> = self.train.iter().chain(self.test.iter()).collect();
         all.sort_by(|a, b| a.begin().total_cmp(&b.begin()));
         all
     }
 
-    /// The campaign with every `by` samples averaged into one, none across two touches.
+    /// The campaign with every `by` samples averaged into one, never across two touches.
     ///
     /// # Errors
     /// None in practice: the tables keep their form.
@@ -343,7 +355,7 @@ impl Campaign {
         })
     }
 
-    /// The same campaign with rougher contact that takes less time ([`Scene::without_subdivision`]).
+    /// The same campaign with coarser contact that takes less time ([`Scene::without_subdivision`]).
     pub(crate) fn rough(&self) -> Self {
         Self {
             scene: self.scene.without_subdivision(),
@@ -351,7 +363,7 @@ impl Campaign {
         }
     }
 
-    /// The same campaign with its sequences made into others.
+    /// The same campaign with its sequences replaced.
     pub(crate) fn with_sequences(
         &self,
         train: impl Into<Arc<[Motion]>>,
@@ -372,7 +384,7 @@ impl Campaign {
         }
     }
 
-    /// Why the recording does not meet a need, `None` when it does.
+    /// Why the recording does not meet a need; `None` if it does.
     pub fn lacks(&self, need: Need) -> Option<String> {
         let site = &self.site;
         let lack = match need {
@@ -470,12 +482,12 @@ mod tests {
     }
 }
 
-/// Whether a motion is a further part of the sequence that the one before it is of.
+/// Whether a motion is a further part of the same sequence as the previous one.
 pub(crate) fn goes_on(motions: &[&Motion], k: usize) -> bool {
     k > 0 && motions[k - 1].id == motions[k].id
 }
 
-/// When the sequence of each motion begins, as far as they hold it (s).
+/// Start of the sequence of each motion, as far as the motions contain it (s).
 pub(crate) fn sequence_begins(motions: &[&Motion]) -> Vec<f64> {
     let mut begins: Vec<f64> = Vec::with_capacity(motions.len());
     for (k, motion) in motions.iter().enumerate() {
@@ -488,7 +500,7 @@ pub(crate) fn sequence_begins(motions: &[&Motion]) -> Vec<f64> {
     begins
 }
 
-/// The time stamp at which the session's clock is zero, and where the clock stands.
+/// The time stamp at which the session's clock is zero, and the current clock.
 #[derive(Clone, Copy)]
 struct Clock {
     origin: f64,
@@ -496,8 +508,8 @@ struct Clock {
 }
 
 impl Clock {
-    /// For the next sequence: time stamps that go on are the session's; those that start anew
-    /// start where the last sequence ended.
+    /// The clock for the next sequence. Time stamps that continue are the session's; those that start anew start where the
+    /// last sequence ended.
     fn at(last: Option<Self>, sequence: &Sequence) -> Self {
         let start = sequence.time.first().copied().unwrap_or(0.0);
         match last {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use vsf_core::CoreError;
 
-/// Rounds of leaving out points whose stiffness came out negative.
+/// Rounds of removing points whose stiffness came out negative.
 const ROUNDS: usize = 3;
 
 /// Residuals of a model on sequences, per sample and joint.
@@ -15,43 +15,43 @@ const ROUNDS: usize = 3;
 pub struct Residuals {
     /// Number of joints.
     pub joints: usize,
-    /// Measured less predicted (N m or N), of each sequence: samples one behind the other, all joints of each.
+    /// Measured minus predicted (N m or N), one vector per sequence: sample after sample, with all joints of each.
     pub rows: Vec<Vec<f64>>,
-    /// What the model predicts (N m or N), alike.
+    /// Predictions of the model (N m or N), in the same layout.
     pub predicted: Vec<Vec<f64>>,
 }
 
-/// How far a model closes the gap of another.
+/// How far a model closes the gap of another one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Closure {
-    /// `(G0² - G1²) / (G0² - F²)`; NaN never: 0 where the first model leaves no gap.
+    /// `(G0² - G1²) / (G0² - F²)`. Never NaN: 0 if the first model leaves no gap.
     pub fraction: f64,
-    /// Interval of 95 %, by block bootstrap.
+    /// 95 % interval, by block bootstrap.
     pub interval: [f64; 2],
-    /// What it is above in 95 % of the draws.
+    /// Lower bound: the fraction exceeds it in 95 % of the draws.
     pub least: f64,
 }
 
 impl Residuals {
-    /// Mean norm over samples.
+    /// Mean over samples of the norm of the residual.
     pub fn mean_error(&self) -> f64 {
         self.mean_error_of(|_| true)
     }
 
-    /// Mean norm over the samples that `holds` of, by their place among all.
+    /// Mean norm over the samples for which `holds`, given the index among all samples, is true.
     pub(crate) fn mean_error_of(&self, holds: impl Fn(usize) -> bool) -> f64 {
         let of = self.squares().enumerate().filter(|(k, _)| holds(*k));
         let norms: Vec<f64> = of.map(|(_, square)| square.sqrt()).collect();
         norms.iter().sum::<f64>() / norms.len().max(1) as f64
     }
 
-    /// Mean squared norm over samples.
+    /// Mean over samples of the squared norm.
     pub fn mean_square(&self) -> f64 {
         let squares: Vec<f64> = self.squares().collect();
         squares.iter().sum::<f64>() / squares.len().max(1) as f64
     }
 
-    /// Those of some samples of a sequence, by its place.
+    /// Residuals of some samples of a sequence, given by its index.
     pub(crate) fn of(&self, (sequence, rows): &(usize, Range<usize>)) -> &[f64] {
         &self.rows[*sequence][rows.start * self.joints..rows.end * self.joints]
     }
@@ -63,7 +63,7 @@ impl Residuals {
     }
 }
 
-/// Mean norm of noise alone.
+/// Mean norm of pure noise.
 pub(crate) fn noise_norm(noise: &[JointNoise]) -> f64 {
     let variance: f64 = noise.iter().map(|n| n.sd * n.sd).sum();
     let fourth: f64 = noise.iter().map(|n| n.sd.powi(4)).sum();
@@ -78,8 +78,8 @@ pub(crate) fn noise_norm(noise: &[JointNoise]) -> f64 {
 }
 
 impl Campaign {
-    /// The field of a fitted model that is not negative, and the factored covariance of the readings:
-    /// points that come out negative are taken out of the model, a few times over.
+    /// The field of a fitted model, not negative, and the factored covariance of the readings. Points that come out
+    /// negative are removed from the model, a few times over.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -102,12 +102,13 @@ impl Campaign {
         Ok((field, factor))
     }
 
-    /// Residuals of a model with its field (N/m, one value per rest point) on sequences of the session or
-    /// parts of them.
+    /// Residuals of a model with its field on sequences of the session, or on parts of them.
+    ///
+    /// `stiffness` has one value per rest point (N/m).
     ///
     /// # Errors
-    /// A field of another length than the rest points or that is not finite, a sequence that the session does not hold, rows
-    /// that contact cannot take.
+    /// A field that is not finite or whose length is not the number of rest points; a sequence that the session does not
+    /// hold; rows that contact cannot take.
     pub fn residuals(
         &self,
         model: &Model,
@@ -125,10 +126,10 @@ impl Campaign {
         self.residuals_in(model, field, motions, &session, &logs)
     }
 
-    /// The same, with the contact of the session at hand.
+    /// [`Campaign::residuals`] with the contact of the session already computed.
     ///
     /// # Errors
-    /// A sequence that the session does not hold, parameters that an effect cannot take.
+    /// A sequence that the session does not hold; parameters that an effect cannot take.
     pub(crate) fn residuals_in(
         &self,
         model: &Model,
@@ -172,7 +173,7 @@ impl Campaign {
     }
 }
 
-/// The gap that `after` closes of `before`'s, with noise as the floor.
+/// The share of the gap of `before` that `after` closes, with noise as the floor.
 pub(crate) fn closure(
     before: &Residuals,
     after: &Residuals,

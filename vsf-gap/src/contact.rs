@@ -13,12 +13,12 @@ pub struct ContactLog {
     pub postures: Vec<Posture>,
     /// Contacts.
     pub contacts: Vec<Contacts>,
-    /// Force on the robot that explains the readings best (N, world).
+    /// Force on the robot that explains the reading best (N, world), per sample.
     pub forces: Vec<Vector3<f64>>,
-    /// What the rigid body adds to the reading because the links are not where the recording has
-    /// them (N m or N), all joints of every row; empty where the readings leave it out.
+    /// Change of the rigid-body torque in the reading because the links are not where the recording has them (N m or N):
+    /// all joints of every row. Empty if the readings do not include rigid-body torques.
     pub rigid: Vec<f64>,
-    /// Of every row the positions (rad or m) of all joints as the links moved, then their velocities, then their accelerations.
+    /// Motion of the links, per row: the positions (rad or m) of all joints, then the velocities, then the accelerations.
     pub moved: Vec<f64>,
 }
 
@@ -45,7 +45,7 @@ impl ContactLog {
         }
     }
 
-    /// Checks that it has a row for every sample, of the site's robot and points.
+    /// Checks that the log has a row for every sample, with the site's robot and points.
     pub(crate) fn check(&self, site: &Site, motion: &Motion) -> Result<(), CoreError> {
         let (n, d) = (motion.len(), site.joints());
         for rows in [self.postures.len(), self.contacts.len(), self.forces.len()] {
@@ -69,7 +69,7 @@ impl ContactLog {
     }
 }
 
-/// The contact of one robot with one object, step by step, as a model has it.
+/// Step-by-step contact of one robot with one object, under a model.
 #[derive(Clone)]
 pub(crate) struct ContactDriver {
     model: SceneContact,
@@ -78,11 +78,11 @@ pub(crate) struct ContactDriver {
 }
 
 impl Campaign {
-    /// Runs contact over a sequence.
+    /// Simulates contact over a sequence.
     ///
     /// # Errors
-    /// A motion of other joints or whose parts differ in length, parameters of contact out of range, rows
-    /// that contact cannot take.
+    /// A motion with another number of joints or with parts of different length; contact parameters out of range; rows that
+    /// contact cannot take.
     pub fn contact_log(&self, model: &Model, motion: &Motion) -> Result<ContactLog, GapError> {
         motion.check(self.site.joints())?;
         let mut effects = model.compensator(&self.site)?;
@@ -129,10 +129,10 @@ impl Campaign {
 }
 
 impl ContactDriver {
-    /// Contact as the effects have it.
+    /// Contact under the effects.
     ///
     /// # Errors
-    /// Parameters of contact out of range.
+    /// Contact parameters out of range.
     pub fn new(site: &Site, scene: &Scene, effects: &dyn Compensator) -> Result<Self, GapError> {
         Ok(Self {
             model: scene
@@ -153,7 +153,7 @@ impl ContactDriver {
         &self.links
     }
 
-    /// What was moved in the last step, whose contacts are these.
+    /// What was moved in the last step, whose contacts are `contacts`.
     pub(crate) fn moved<'a>(&'a self, contacts: &'a Contacts) -> &'a Contacts {
         self.model.moved(contacts)
     }
@@ -164,7 +164,7 @@ impl ContactDriver {
         self.force = Vector3::zeros();
     }
 
-    /// One sample: link positions, place of the object, contacts, and the force behind the reading.
+    /// Processes one sample: link positions, place of the object, contacts, and the force behind the reading.
     ///
     /// # Errors
     /// A row that robot or contact cannot take.
@@ -188,18 +188,19 @@ impl ContactDriver {
     }
 }
 
-/// The parameters of contact as the effects have them.
+/// The contact parameters under the effects.
 pub(crate) fn contact_config(scene: &Scene, effects: &dyn Compensator) -> ContactConfig {
     let mut config = *scene.contact();
     effects.contact(&mut config);
     config
 }
 
-/// The link with most of the touched points, the last one of several, and the middle of the contact (m, world); `None` where
-/// nothing is touched.
+/// The link with most of the touched points, and the center of the contact (m, world).
+///
+/// Of several such links it is the last one. `None` if nothing is touched.
 ///
 /// # Panics
-/// If a touched point is none of the rest points.
+/// If a touched point is not among the rest points.
 pub fn center(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     let contacts = touch.contacts;
     let n = contacts.len();
@@ -218,8 +219,8 @@ pub fn center(touch: &Touch<'_>) -> Option<(usize, Point3<f64>)> {
     Some((link as usize, Point3::from(sum / n as f64)))
 }
 
-/// The force at the middle of the contact whose joint torques come closest to the reading, a
-/// little toward zero where the arm feels a direction badly.
+/// The force at the center of the contact whose joint torques come closest to the reading. It is shrunk slightly toward
+/// zero in directions that the arm hardly feels.
 fn force_behind(touch: &Touch<'_>, reading: &[f64]) -> Vector3<f64> {
     let Some((link, p)) = center(touch) else {
         return Vector3::zeros();

@@ -8,19 +8,18 @@ use vsf_pipeline::{PipelineError, SequencePrediction, Trace};
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Corrected {
-    /// Columns `G W`, and readings less the model's torques `a`: what the stiffness has to explain.
-    /// Its time is the clock of the session (s).
+    /// Columns `G W`, and the readings minus the model's torques `a`, which is what the stiffness has to explain. Its time
+    /// is the clock of the session (s).
     pub trace: Trace,
     /// The torques `a` (N m or N), one row per sample.
     pub torques: Table,
 }
 
 impl Campaign {
-    /// All sequences under a corrected model, in session order. Contacts and readings are those of
-    /// the diagnosis.
+    /// All sequences under a corrected model, in session order, with the contacts and readings of the diagnosis.
     ///
     /// # Errors
-    /// Rows that contact cannot take, parameters that an effect cannot take.
+    /// Rows that contact cannot take; parameters that an effect cannot take.
     pub fn corrected(&self, model: &Model) -> Result<Vec<Corrected>, GapError> {
         let session = self.session();
         let d = self.site.joints();
@@ -60,13 +59,15 @@ impl Campaign {
             .collect()
     }
 
-    /// The readings, of the recording's kind, that a model gives with a stiffness per rest point
-    /// (N/m): one table per sequence, in session order. Effects that follow the load take it from
-    /// the readings that the recording has. In a scene with a tare, torques are relative to their mean over its samples, so
-    /// that a constant one leaves no trace; for readings as a sensor gives them take [`vsf_pipeline::Scene::without_tare`].
+    /// Simulates the readings that a model gives with a stiffness per rest point (N/m).
+    ///
+    /// Returns one table per sequence, in session order, with readings of the recording's kind. Effects that follow the
+    /// load take it from the recorded readings. In a scene with a tare, torques are relative to their mean over the tare
+    /// samples, so a constant torque leaves no trace. For readings as a sensor gives them, use
+    /// [`vsf_pipeline::Scene::without_tare`].
     ///
     /// # Errors
-    /// As [`Campaign::corrected`]; a stiffness of another length than the rest points or that is not finite.
+    /// As [`Campaign::corrected`]; a stiffness that is not finite or whose length is not the number of rest points.
     pub fn simulated(&self, model: &Model, stiffness: &[f64]) -> Result<Vec<Table>, GapError> {
         CoreError::check_len("stiffness", stiffness.len(), self.site.rest.len())?;
         CoreError::check_finite("stiffness", stiffness)?;
@@ -90,10 +91,10 @@ impl Campaign {
 }
 
 impl Corrected {
-    /// The columns with the readings as they are, the model's torques put back.
+    /// The columns with the readings as recorded, that is, with the model's torques added back.
     ///
     /// # Errors
-    /// A sum beyond numbers.
+    /// A sum that is not finite.
     pub fn recorded(&self) -> Result<Trace, GapError> {
         let mut trace = self.trace.clone();
         for (obs, torques) in trace.observations.iter_mut().zip(self.torques.iter()) {
@@ -104,7 +105,7 @@ impl Corrected {
         Ok(trace)
     }
 
-    /// What a field predicts from [`Corrected::trace`], with the model's torques put back.
+    /// Completes a field's prediction from [`Corrected::trace`] by adding the model's torques back.
     #[must_use]
     pub fn complete(&self, mut prediction: SequencePrediction) -> SequencePrediction {
         for (mean, torques) in prediction.mean.iter_mut().zip(self.torques.iter()) {

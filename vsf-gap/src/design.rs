@@ -10,7 +10,7 @@ pub(crate) struct Design {
     pub(crate) points: Vec<u32>,
     /// Columns of the touched points, rows as in [`Windows`].
     pub(crate) w: Mat<f64>,
-    /// What does not depend on the stiffness.
+    /// Torques that do not depend on the stiffness.
     pub(crate) a: Vec<f64>,
 }
 

@@ -18,7 +18,7 @@ use crate::verdict::Answer;
 use crate::{Campaign, Effect, GapError, Model, effects};
 use std::sync::Arc;
 
-/// Effects of which it is told how they do on the test sequences, whether they were up to be named or not.
+/// Number of effects whose results on the test sequences are reported, whether they were up to be named or not.
 const CHECKED: usize = 3;
 /// Two probabilities closer than this count as equal.
 const ALIKE: f64 = 1e-6;
@@ -36,11 +36,11 @@ pub enum DiagnosisStep {
     Sets,
     /// Models are checked on the test sequences.
     Check,
-    /// Effects are looked for anew in another contact, which explains as much.
+    /// Effects are searched again in another contact, which explains as much.
     Contact,
     /// Fields are estimated with the corrected model and without it.
     Fields,
-    /// What differs from sequence to sequence is looked for with half of every test sequence.
+    /// Effects that differ from sequence to sequence are fitted with half of every test sequence.
     Halves,
 }
 
@@ -58,10 +58,11 @@ impl DiagnosisStep {
     ];
 }
 
-/// Diagnoses a recording: which of the effects, if any, explains what the nominal model leaves.
-/// `progress` is called at the start of each step. Prediction errors are those of fields at the campaign's own contact
-/// threshold, or at the one that suits the points ([`Campaign::with_suited_fields`], as the command has it). `seed` is that of
-/// the bootstrap of intervals. Time: seconds for a few hundred touched points, minutes for thousands.
+/// Diagnoses a recording: which of the effects, if any, explains what the nominal model leaves?
+///
+/// `progress` is called at the start of each step. `seed` is the seed of the bootstrap intervals. Prediction errors are
+/// those of fields at the campaign's own contact threshold or, with [`Campaign::with_suited_fields`] (as the command does),
+/// at the threshold that suits the points. Time: seconds for a few hundred touched points, minutes for thousands.
 ///
 /// ```
 /// use vsf_data::{Dataset, Overrides};
@@ -84,9 +85,10 @@ impl DiagnosisStep {
 /// ```
 ///
 /// # Errors
-/// [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, torques that are all zero, joints that all
-/// stand still (within 1e-3 rad or m), or no effect that these data could show. [`GapError::TooMuch`]: a robot of more than 48 joints. Effects whose
-/// parameters or starts cannot be, rows that contact cannot take, covariances that are not positive definite.
+/// - [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, torques that are all zero, joints
+///   that all stand still (within 1e-3 rad or m), or no effect that these data could show.
+/// - [`GapError::TooMuch`]: a robot with more than 48 joints.
+/// - Effects with invalid parameters or starts, rows that contact cannot take, covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,
     effects: &[Arc<dyn Effect>],
@@ -118,12 +120,12 @@ pub fn diagnose(
     }
 }
 
-/// How a campaign is split.
+/// How a campaign is split for a diagnosis.
 #[derive(Clone, Copy, PartialEq)]
 enum Split {
     /// As the recording has it.
     Whole,
-    /// With halves of test sequences among the train sequences. Only what closes most of the gap counts then.
+    /// With first halves of test sequences among the train sequences. Only effects that close most of the gap count then.
     Halves,
 }
 
@@ -239,8 +241,8 @@ fn attempt(
     })
 }
 
-/// The campaign with means of several samples in place of each, so few that contact is run in little time; `None` where it
-/// has so few.
+/// The campaign with means of several samples in place of each, so that contact runs in little time; `None` if it already
+/// has few samples.
 ///
 /// # Errors
 /// None in practice: tables keep their form.
@@ -254,15 +256,15 @@ fn few_samples(campaign: &Campaign) -> Result<Option<Campaign>, GapError> {
     (by > 1).then(|| campaign.thinned(by)).transpose()
 }
 
-/// What another contact makes of effects that were named.
+/// The effect of another contact on the named effects.
 enum OtherContact {
     /// It explains as much: the diagnosis in it.
     Explains(Box<Outcome>),
-    /// What is to be said of it.
+    /// A note about it, if there is one.
     Noted(Option<String>),
 }
 
-/// Diagnoses `anew` in another contact, where that explains as much as named effects.
+/// Repeats the diagnosis by `anew` in another contact if that explains as much as the named effects.
 fn in_other_contact(
     campaign: &Campaign,
     thinned: &Campaign,
@@ -305,8 +307,8 @@ fn in_other_contact(
     }
 }
 
-/// Fields of the nominal model and of the one that was named, as one would estimate them; the diagnosis' own where there
-/// are none, and why if they failed.
+/// Fields of the nominal model and of the named one, as one would estimate them. If there are none, the diagnosis' own
+/// fields, and the reason if the estimation failed.
 ///
 /// # Errors
 /// Rows that contact cannot take.
@@ -331,7 +333,7 @@ fn compared_fields(
     })
 }
 
-/// All effects: those that were fitted, the others, those that the recording cannot show.
+/// Reports of all effects: those that were fitted, then the others, then those that the recording cannot show.
 fn reports(
     case: &Case<'_>,
     doubts: &Doubts<'_>,
@@ -387,8 +389,8 @@ fn reports(
     Ok(reports)
 }
 
-/// The effects that may act without showing, with the share of each: all together, as many as were looked for beside the
-/// number of the catalogue. Other sequences speak against the ones that were refused.
+/// The effects that may act without showing, each with its share. The shares add up to the number of effects looked for
+/// divided by the size of the catalogue. Effects that were refused are left out, since other sequences contradict them.
 fn hidden(case: &Case<'_>, refused: &[String], looked_for: usize) -> Vec<(String, f64)> {
     let (search, likeness) = (case.search, case.likeness);
     let weights: Vec<(String, f64)> = (search.candidates.iter())

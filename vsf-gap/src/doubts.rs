@@ -1,4 +1,4 @@
-//! What speaks against an answer, however likely it is: on the test sequences, in the field and in the sensors.
+//! Evidence against an answer, however likely it is: in the test sequences, in the field and in the sensors.
 
 use crate::alike::Likeness;
 use crate::closure::noise_norm;
@@ -12,13 +12,13 @@ use crate::verdict::Findings;
 use crate::{Acts, Campaign, GapError};
 use vsf_pipeline::Saturation;
 
-/// From this share of its information on, that the stiffness absorbs, an effect may be what the field shows.
+/// If the stiffness absorbs at least this share of its information, an effect may be what the field shows.
 const TAKEN_UP: f64 = 0.95;
 
 /// A campaign, what was found in it, and how it is checked.
 pub(crate) struct Case<'a> {
     pub(crate) campaign: &'a Campaign,
-    /// The same with fewer samples, which the search saw.
+    /// The campaign with fewer samples, as the search used it.
     pub(crate) thinned: &'a Campaign,
     pub(crate) search: &'a Search<'a>,
     pub(crate) likeness: &'a Likeness,
@@ -28,27 +28,28 @@ pub(crate) struct Case<'a> {
 
 /// What was found to speak against the answer.
 pub(crate) struct Doubts<'a> {
-    /// Effects that explain with one stiffness everywhere what the field explains, best first, and the share that they do.
+    /// Effects that, with one stiffness everywhere, explain what the field explains, best first, each with the share that
+    /// it explains.
     pub(crate) in_field: Vec<(&'a Plain, f64)>,
-    /// Whether what the field shows is left to explain.
+    /// Whether it is open what the field shows.
     undecided: bool,
     saturated: Vec<Saturation>,
-    /// How much like springs what the named model leaves to them is, where it is opposite to them.
+    /// Correlation with spring torques of what the named model leaves to the springs, if it is opposite to them.
     opposed: Option<f64>,
-    /// Named effects of none of whose parameters the readings say anything.
+    /// Named effects none of whose parameters the readings determine.
     vague: Vec<String>,
     untouched: bool,
-    /// The error of sensors that read nothing, where the named model does hardly better (N m or N).
+    /// The error of sensors that read zero (N m or N), if the named model does hardly better.
     silence: Option<f64>,
     stopped: bool,
 }
 
 impl<'a> Doubts<'a> {
-    /// Looks for them, and at how the model that is given out does: what they leave of the `judgment` is left of it. `saturated`
-    /// are sensors at the end of their range.
+    /// Looks for doubts, and compares the corrected model with the nominal one. Doubts may withdraw what the `judgment`
+    /// names. `saturated` are sensors at the end of their range.
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; a covariance that is not positive definite.
     pub(crate) fn find(
         case: &Case<'a>,
         judgment: &mut Judgment<'_>,
@@ -96,7 +97,7 @@ impl<'a> Doubts<'a> {
         Ok((found, compared))
     }
 
-    /// What the answer has to go by; `hidden` are effects that may act without showing, with the share of each.
+    /// The findings on which the answer is based. `hidden` are effects that may act without showing, each with its share.
     pub(crate) fn findings(
         &self,
         case: &Case<'_>,
@@ -125,7 +126,7 @@ impl<'a> Doubts<'a> {
         }
     }
 
-    /// What is to be said of them.
+    /// Notes on the doubts, for the reader of the diagnosis.
     pub(crate) fn notes(&self, campaign: &Campaign, judgment: &Judgment<'_>) -> Vec<String> {
         let mut notes = Vec::new();
         notes.extend(self.untouched.then(nothing_touched));
@@ -145,8 +146,8 @@ impl<'a> Doubts<'a> {
 }
 
 impl<'a> Case<'a> {
-    /// The effects that explain with one stiffness everywhere what the field explains, and absorbs; and the share
-    /// that they explain.
+    /// The effects that, with one stiffness everywhere, explain what the field explains, and that the field absorbs; each
+    /// with the share that it explains.
     fn in_field(&self) -> Result<Vec<(&'a Plain, f64)>, GapError> {
         let search = self.search;
         let free = search.left();

@@ -12,19 +12,21 @@ pub use probe::Probe;
 use crate::{Campaign, GapError, STIFFNESS_FIELD};
 use vsf_core::CoreError;
 
-/// A gain of log evidence (nats) below which nothing is looked into further.
+/// A gain of log evidence (nats) below which nothing is examined further.
 pub(crate) const EVIDENT: f64 = 12.0;
 
-/// What an effect acts on; it decides how much has to be computed anew when a parameter moves. Methods of its
-/// [`Compensator`] that reach deeper are not called: `springs` is for effects on springs and contact, `joints`,
-/// `motion`, `contact` and `object_shift` for those on contact alone.
+/// The deepest part of the model that an effect acts on.
+///
+/// It decides how much has to be recomputed when a parameter changes. Methods of the effect's [`Compensator`] that reach
+/// deeper are not called: `springs` is called only for effects on springs and contact; `joints`, `motion`, `contact` and
+/// `object_shift` only for effects on contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Acts {
-    /// Adds torques, or scales those of the field: contacts and springs stay.
+    /// Adds torques, or scales those of the field. Contacts and springs stay the same.
     Torques,
-    /// Changes the springs of the touched points; contacts stay.
+    /// Changes the springs of the touched points. Contacts stay the same.
     Springs,
-    /// Changes joint positions or their motion, the object's place or the contact model: contacts change.
+    /// Changes joint positions or motion, the place of the object, or the contact parameters. Contacts change.
     Contact,
 }
 
@@ -33,34 +35,35 @@ pub enum Acts {
 pub enum Need {
     /// Points that are touched.
     Contact,
-    /// A joint that turns against gravity: without one, weight never shows.
+    /// A joint that turns against gravity; otherwise weight never shows.
     Weight,
     /// At least two moving joints.
     Joints,
     /// At least two touches of the same points.
     Retouch,
-    /// Motion in which nothing is touched, or at least two joints: to a single joint that touches all the time,
-    /// a constant torque is a surface that lies elsewhere.
+    /// Motion in which nothing is touched, or at least two joints. To a single joint that touches all the time, a constant
+    /// torque looks like a surface that lies elsewhere.
     FreeMotion,
 }
 
-/// Whether the parameters of an effect are relative to which points are touched and how far they are displaced.
+/// Whether the parameters of an effect depend on which points are touched and how far they are displaced.
 pub(crate) fn follows_contact(effect: &dyn Effect) -> bool {
     effect.acts() > Acts::Torques || effect.needs().contains(&Need::Contact)
 }
 
-/// How what an effect adds to the torques may stray from what its parameters say: a random walk per joint. A diagnosis
-/// tries walks of 0, 0.1 and 0.3 times these sizes.
+/// How the torques of an effect may stray from what its parameters say: a random walk per joint.
+///
+/// A diagnosis tries walks of 0, 0.1 and 0.3 times these sizes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RandomWalk {
-    /// Standard deviation (N m or N) after a second, per joint, of a walk that begins with the session.
+    /// Standard deviation (N m or N) after one second, per joint, of a walk that starts with the session.
     pub of_session: Vec<f64>,
-    /// The same of one that begins anew with every sequence.
+    /// The same for a walk that starts anew with every sequence.
     pub of_sequence: Vec<f64>,
 }
 
 impl RandomWalk {
-    /// Checks that it is one of `joints` joints.
+    /// Checks that the walk has the right form for `joints` joints.
     pub(crate) fn check(&self, joints: usize) -> Result<(), GapError> {
         for sizes in [&self.of_session, &self.of_sequence] {
             CoreError::check_len("joints of a random walk", sizes.len(), joints)?;
@@ -70,28 +73,31 @@ impl RandomWalk {
     }
 }
 
-/// A candidate cause of the gap: a change of the nominal model with parameters, of which
-/// amplitudes at zero leave the model as it is.
+/// A candidate cause of the gap: a parametrized change of the nominal model.
+///
+/// With all amplitudes at zero, the model is unchanged.
 pub trait Effect: Send + Sync {
     /// Its name in the catalogue.
     fn name(&self) -> &str;
 
-    /// What it is, for people who read a diagnosis: one phrase that names its parameters in backquotes, one of each
-    /// joint as `` `c_<joint>` ``.
+    /// What the effect is, for readers of a diagnosis.
+    ///
+    /// One phrase that names its parameters in backquotes; those that each joint has are written `` `c_<joint>` ``.
     fn summary(&self) -> &str;
 
     /// What it acts on.
     fn acts(&self) -> Acts;
 
-    /// What a recording must hold for it to show.
+    /// What a recording must hold for the effect to show.
     fn needs(&self) -> &[Need];
 
-    /// Its parameters at a site, amplitudes first or mixed with shapes.
+    /// Its parameters at a site; amplitudes and shapes may be mixed.
     fn parameters(&self, site: &Site) -> Vec<Parameter>;
 
-    /// Starting points of the search, each with all parameters: shapes at plausible values,
-    /// amplitudes ignored (they start at zero). One start with the middle of every shape's bounds
-    /// by default.
+    /// Starting points of the search, each with values for all parameters.
+    ///
+    /// Shapes are at plausible values. Amplitudes are ignored: they start at zero. The default is one start with every
+    /// shape in the middle of its bounds.
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
         let middle = |p: Parameter| match p.role {
             Role::Amplitude => 0.0,
@@ -100,10 +106,11 @@ pub trait Effect: Send + Sync {
         vec![self.parameters(site).into_iter().map(middle).collect()]
     }
 
-    /// Indices of the amplitudes that may act from the start of this index; the others stay at zero. By default
-    /// all may. An effect of many parts, of which few act at once, has a start for each: every amplitude that
-    /// may act costs evidence, and so does the choice between several sets of them. Indices increase, and are of
-    /// amplitudes, one at least; an amplitude that no start lets act never does.
+    /// Indices of the amplitudes that may act in the start `start`; the others stay at zero.
+    ///
+    /// By default, all may act. An effect of many parts of which few act at once has one start for each set: every
+    /// amplitude that may act costs evidence, and so does the choice between several sets. There is at least one index;
+    /// indices increase and refer to amplitudes. An amplitude that no start lets act never acts.
     fn acting(&self, site: &Site, start: usize) -> Vec<usize> {
         let _ = start;
         let parameters = self.parameters(site);
@@ -111,21 +118,25 @@ pub trait Effect: Send + Sync {
         (0..parameters.len()).filter(amplitude).collect()
     }
 
-    /// The effect with parameters `theta`, in the order of [`Effect::parameters`]. With the same parameters it is always the
-    /// same: contacts under it are remembered.
+    /// The effect with parameters `theta`, in the order of [`Effect::parameters`].
+    ///
+    /// The same parameters must always give the same compensator, since contacts under it are cached.
     ///
     /// # Errors
-    /// Parameters of another number, or that the robot cannot take.
+    /// A wrong number of parameters, or parameters that the robot cannot take.
     fn compensator(&self, site: &Site, theta: &[f64]) -> Result<Box<dyn Compensator>, GapError>;
 
-    /// How it strays from what parameters `theta` say; not at all by default. What strays is no sign of another cause.
+    /// How the effect may stray from what the parameters `theta` say; by default not at all.
+    ///
+    /// Such straying is not taken for a sign of another cause.
     fn random_walk(&self, _site: &Site, _theta: &[f64]) -> Option<RandomWalk> {
         None
     }
 
-    /// About the largest gain of log evidence (nats) that it reaches in recordings where it does not act,
-    /// because the nominal model is not quite right and bends to it; it has to gain more to be named. By
-    /// default 12, or 15 if it reshapes springs or contact; those bend more easily.
+    /// About the largest gain of log evidence (nats) that the effect reaches in recordings where it does not act.
+    ///
+    /// It reaches such gains because the nominal model is not quite right and the effect bends to its errors. It has to
+    /// gain more to be named. The default is 12, or 15 for effects on springs or contact, which bend more easily.
     fn null_gain(&self) -> f64 {
         match self.acts() {
             Acts::Torques => EVIDENT,
@@ -133,43 +144,53 @@ pub trait Effect: Send + Sync {
         }
     }
 
-    /// Whether, by where surfaces are, how they stick or which way they push, it decides which points are touched, where to and
-    /// how; false by default. Each such choice is another model: one that predicts other sequences worse, or makes them less
-    /// likely, is not named. Where contact is rough the best of many gains hundreds of nats though none is right: there it
-    /// has to close much of the gap on them, or to gain as much on them, nearly, as on those that it was fitted to.
+    /// Whether the effect decides which points are touched and how they are displaced, by where surfaces are, how they
+    /// stick or which way they push. False by default.
+    ///
+    /// Each such choice is another model. If it predicts other sequences worse, or makes them less likely, it is not named.
+    /// Where contact is rough, the best of many choices gains hundreds of nats though none is right. There, the effect also
+    /// has to close much of the gap on the test sequences, or to gain nearly as much on them as on those that it was fitted
+    /// to.
     fn chooses_contacts(&self) -> bool {
         false
     }
 
-    /// Whether it may be why nothing is touched at all, as where the object lies elsewhere than its points; false by default.
+    /// Whether the effect may be the reason that nothing is touched at all, for example because the object lies elsewhere
+    /// than its points. False by default.
     fn may_prevent_touch(&self) -> bool {
         false
     }
 
-    /// Whether it scales the torques of contact joint by joint; false by default. So do errors of the place where the
-    /// force acts, above all at joints that it hardly turns: where contact is rough, such an effect has to gain as many
-    /// times more as one that chooses contacts.
+    /// Whether the effect scales the contact torques joint by joint. False by default.
+    ///
+    /// Errors of the place where the force acts do the same, above all at joints that the force hardly turns. Where contact
+    /// is rough, such an effect therefore has to gain as many times more as one that chooses contacts.
     fn scales_contact(&self) -> bool {
         false
     }
 
-    /// Whether it goes by the torques that were read ([`Sample::reading`](crate::Sample::reading), or the
-    /// [force](crate::Sample::force_W) behind them); false by default. Where none
-    /// were, as of motions that are planned, it does nothing.
+    /// Whether the effect depends on the measured torques ([`Sample::reading`](crate::Sample::reading), or the
+    /// [force](crate::Sample::force_W) behind them). False by default.
+    ///
+    /// Without measured torques, as for planned motions, it does nothing.
     fn follows_reading(&self) -> bool {
         false
     }
 
-    /// Name of an effect of which it is a more general form, if there is one: it has to explain more than
-    /// what is wrong with the form of that one, or to show what it adds to it ([`Effect::exceeds`]).
+    /// Name of the effect that this one generalizes, if there is one.
+    ///
+    /// The general form has to explain more than what is wrong with the form of its special case, or to show what it adds
+    /// to it ([`Effect::exceeds`]).
     fn extends(&self) -> Option<&str> {
         None
     }
 
-    /// Whether fitted `parameters` with values `theta`, of standard deviations `sd` now and `prior_sd` before, show beyond
-    /// doubt what it adds to the effect that it [extends](Effect::extends): by several deviations, by too
-    /// much for a mere fault in the form of that one, and by what the data say. Amplitudes that may not act
-    /// ([`Effect::acting`]) have deviations of 0. Never, by default.
+    /// Whether fitted `parameters` show beyond doubt what the effect adds to the one that it [extends](Effect::extends).
+    /// False by default.
+    ///
+    /// `theta` are the fitted values, `sd` their standard deviations, and `prior_sd` those of the prior. "Beyond doubt"
+    /// means by several standard deviations, by too much for a mere error in the form of the special case, and determined
+    /// by the data. Amplitudes that may not act ([`Effect::acting`]) have deviations of 0.
     fn exceeds(
         &self,
         _parameters: &[Parameter],
@@ -180,16 +201,17 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// How it answers to an experiment, by a name, usually its own: of effects that answer by the same name the
-    /// experiment does not tell which one acts. `None`, the default, if it does not show in it more than elsewhere.
+    /// The name under which the effect responds to an experiment, usually its own name.
     ///
-    /// A diagnosis proposes the experiment that tells most of what it leaves open.
+    /// The experiment cannot tell effects with the same response name apart. `None`, the default, means that the effect
+    /// shows in the experiment no more than elsewhere. A diagnosis proposes the experiment that resolves most of what it
+    /// leaves open.
     fn response(&self, probe: Probe) -> Option<&str> {
         let _ = probe;
         None
     }
 
-    /// Why the campaign cannot show it, `None` when it can.
+    /// Why the campaign cannot show the effect; `None` if it can.
     fn untestable(&self, campaign: &Campaign) -> Option<String> {
         let may_touch = self.may_prevent_touch() && !campaign.site.rest.is_empty();
         (self.needs().iter())
@@ -204,7 +226,7 @@ impl std::fmt::Debug for dyn Effect {
     }
 }
 
-/// The sets of amplitudes that may act together, of the starts of an effect, smallest first.
+/// The sets of amplitudes that may act together, from the starts of an effect, smallest first.
 pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
     let starts = 0..effect.starts(site).len();
     let mut sets: Vec<_> = starts.map(|k| effect.acting(site, k)).collect();
@@ -212,11 +234,12 @@ pub(crate) fn acting_sets(effect: &dyn Effect, site: &Site) -> Vec<Vec<usize>> {
     sets
 }
 
-/// Checks what an effect says of itself and of its parameters at a site, as a diagnosis does before it begins. What
-/// its compensators do is not looked at; `check_effect` of the crate `vsf-testkit` does that, in tests.
+/// Checks the declaration of an effect and of its parameters at a site, as a diagnosis does before it begins.
+///
+/// The behavior of its compensators is not checked. For that, call `check_effect` of the crate `vsf-testkit` in a test.
 ///
 /// # Errors
-/// [`GapError::Model`] for names, null gains, bounds, scales, joints, sequences or starts that cannot be.
+/// [`GapError::Model`] for invalid names, null gains, bounds, scales, joints, sequences or starts.
 pub fn check_declaration(effect: &dyn Effect, site: &Site) -> Result<(), GapError> {
     let wrong = |problem: String| {
         Err(GapError::Model {

@@ -1,18 +1,18 @@
 use crate::{Campaign, GapError, Motion};
 use vsf_data::TorqueKind;
 
-/// Samples in a row that noise is read from, and how many such runs tell it.
+/// Consecutive samples that the noise is read from, and the number of such runs that suffice.
 const SHORTEST_RUN: usize = 4;
 const FEWEST_RUNS: usize = 8;
-/// Most joints: every pair of them may be coupled, and all pairs are held at once.
+/// Most joints: every pair may be coupled, and all pairs are held at once.
 const MOST_JOINTS: usize = 48;
-/// Most means over windows, of which each sequence has one for every joint at least: matrices of them squared are factored.
+/// Most means over windows. Each sequence has at least one per joint, and matrices of this size squared are factored.
 const MOST_MEANS: usize = 5200;
-/// A joint that moves by less (rad or m) stands still.
+/// A joint that moves by less than this (rad or m) stands still.
 const STILL: f64 = 1e-3;
 
-/// Checks that the train sequences read something, tell noise from a gap, and a gap from a constant, and that there are no more joints and sequences than
-/// a diagnosis takes.
+/// Checks that the train sequences have readings, can tell noise from a gap and a gap from a constant, and that there are
+/// no more joints and sequences than a diagnosis can handle.
 pub(crate) fn enough(campaign: &Campaign) -> Result<(), GapError> {
     let joints = campaign.site.joints();
     if joints > MOST_JOINTS {

@@ -4,11 +4,11 @@ use vsf_data::DataError;
 use vsf_pipeline::PipelineError;
 use vsf_robots::RobotError;
 
-/// What can go wrong in a diagnosis.
+/// Error of a diagnosis.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum GapError {
-    /// A number of parameters that an effect does not have.
+    /// A number of parameters that does not fit the effect.
     #[error("effect {effect} takes {expected} parameters, got {got}")]
     Parameters {
         /// Name of the effect.
@@ -18,7 +18,7 @@ pub enum GapError {
         /// Parameters it has.
         expected: usize,
     },
-    /// NaN or infinity for a parameter.
+    /// A parameter that is NaN or infinite.
     #[error("effect {effect}: parameter {index} is {value}")]
     NotFinite {
         /// Name of the effect.
@@ -28,16 +28,16 @@ pub enum GapError {
         /// Its value.
         value: f64,
     },
-    /// A name that is not in the catalogue.
+    /// An effect name that is not in the catalogue.
     #[error("no effect {name:?}; there are {known}")]
     UnknownEffect {
         /// The name given.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: String,
     },
-    /// A parameter that an effect does not have, or that is missing from a model; an effect whose own
-    /// parameters or starts cannot be.
+    /// A parameter that an effect does not have or that is missing from a model, or an effect whose own parameters or
+    /// starts are invalid.
     #[error("effect {effect}: {problem}")]
     Model {
         /// Name of the effect.
@@ -45,24 +45,24 @@ pub enum GapError {
         /// What is wrong.
         problem: String,
     },
-    /// A file of a corrected model that is no such file, or one of another robot.
+    /// A file that is not a corrected model, or the model of another robot.
     #[error("corrected model: {0}")]
     ModelFile(String),
-    /// A file that is no diagnosis, or one with numbers that none has.
+    /// A file that is not a diagnosis, or one with impossible numbers.
     #[error("{0}")]
     Report(String),
     /// Too little data for a diagnosis.
     #[error("{what}: {problem}")]
     TooLittle {
-        /// What there is too little of.
+        /// What is too little.
         what: &'static str,
         /// How much there is, and what to do.
         problem: String,
     },
-    /// More than a diagnosis takes.
+    /// More than a diagnosis can handle.
     #[error("{what}: {problem}")]
     TooMuch {
-        /// What there is too much of.
+        /// What is too much.
         what: &'static str,
         /// How much there is, and what to do.
         problem: String,
@@ -73,7 +73,7 @@ pub enum GapError {
         /// What differs.
         what: &'static str,
     },
-    /// A sample whose time does not go on from the one before it.
+    /// A sample whose time is not after that of the previous one.
     #[error(
         "the clock goes on by {dt:?} s; within a touch it has to increase, begin a touch after a gap"
     )]
@@ -81,7 +81,7 @@ pub enum GapError {
         /// The time step (s).
         dt: f64,
     },
-    /// A sequence that the session of a campaign does not hold.
+    /// A sequence that is not part of the campaign's session.
     #[error(
         "sequence {id:?} is no part of the session; take those of Campaign::session or parts of them"
     )]

@@ -1,4 +1,4 @@
-//! What a model is worth to those who estimate fields with it.
+//! What a model is worth to users who estimate fields with it.
 
 use crate::campaign::FREE;
 use crate::closure::{Closure, Residuals, closure, noise_norm};
@@ -9,14 +9,14 @@ use vsf_pipeline::{
     EstimatorSpec, HyperMethod, PriorShape, Trace, choose_hyper, estimate, predict,
 };
 
-/// A model that closes so much of the gap leaves nothing that would call for another, though what is left may last.
+/// A model that closes this share of the gap leaves nothing that calls for another one, even if its residuals persist.
 pub(crate) const NEARLY: f64 = 0.9;
-/// A model whose error is more than so many times that of a perfect one is far from it.
+/// A model whose error is more than this many times that of a perfect model is far from it.
 pub(crate) const FAR: f64 = 3.0;
-/// One whose error is at most so many times that is down to it.
+/// A model whose error is at most this many times that of a perfect model has reached the noise.
 const NEAR: f64 = 1.2;
 
-/// A field that was estimated under a model, and what both together leave on the test sequences.
+/// A field that was estimated under a model, and the residuals of both on the test sequences.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Estimated {
@@ -34,7 +34,7 @@ impl Estimated {
 }
 
 impl Campaign {
-    /// Of every sample of sequences in turn, whether the nominal model touches anything.
+    /// For every sample of the sequences in turn, whether the nominal model touches anything.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -45,15 +45,17 @@ impl Campaign {
         Ok(contacts.map(|c| !c.is_empty()).collect())
     }
 
-    /// A field as one would estimate it outside of a diagnosis, under a model: the batch optimum over the train sequences
-    /// with every parameter chosen from them. `None` without test sequences (without a test split it is the last train
-    /// sequence that checks, and does not train) or train sequences that touch.
+    /// A field as one would estimate it outside of a diagnosis, under a model: the batch optimum over the train sequences,
+    /// with every parameter chosen from them.
     ///
-    /// A diagnosis compares models by fields of its own, which are the same for all of them but not the best; this
-    /// tells what a model is worth to those who estimate with it.
+    /// `None` without test sequences or without train sequences that touch. (Without a test split, the last train sequence
+    /// is the test sequence and does not train.)
+    ///
+    /// A diagnosis compares models by fields of its own, which are estimated in the same way for all of them but are not
+    /// the best. This tells what a model is worth to users who estimate with it.
     ///
     /// # Errors
-    /// Rows that contact cannot take, parameters that an effect cannot take, readings that no field can be fitted to.
+    /// Rows that contact cannot take; parameters that an effect cannot take; readings that no field can be fitted to.
     pub fn estimated(&self, model: &Model) -> Result<Option<Estimated>, GapError> {
         if self.test.is_empty() {
             return Ok(None);
@@ -90,43 +92,44 @@ impl Campaign {
     }
 }
 
-/// Fields of the nominal model and of the one that was named, on the checked sequences.
+/// Fields of the nominal model and of the named one, on the checked sequences.
 pub(crate) struct Extent {
-    /// That of the nominal model, as one estimates without another.
+    /// The field of the nominal model, as one estimates it without another model.
     nominal: Estimated,
-    /// Its contact threshold (m); none in free air.
+    /// Contact threshold of the nominal model's field (m); `None` in free air.
     threshold: Option<f64>,
-    /// Which samples touch anything there, in turn.
+    /// For every sample in turn, whether it touches anything there.
     touches: Vec<bool>,
-    /// How the named model does.
+    /// Results of the named model.
     named: Option<Compared>,
     /// Whether fields are estimated as outside of a diagnosis.
     pub(crate) estimated: bool,
 }
 
-/// A model beside the nominal one.
+/// A model compared with the nominal one.
 pub(crate) struct Compared {
     pub(crate) before: Estimated,
     pub(crate) after: Estimated,
     pub(crate) closed: Closure,
-    /// Contact thresholds (m) before and after; none in free air.
+    /// Contact thresholds (m) before and after; `None` in free air.
     pub(crate) thresholds: Option<[f64; 2]>,
-    /// Which samples touch anything in either, in turn.
+    /// For every sample in turn, whether it touches anything under either model.
     pub(crate) touches: Vec<bool>,
 }
 
 impl Compared {
-    /// Whether a sample is one that touches anything, or one that does not.
+    /// Whether a sample is in contact (`touching`) or in the air.
     fn is_one(&self, touching: bool) -> impl Fn(usize) -> bool {
         move |k| self.touches.get(k) == Some(&touching)
     }
 
-    /// How many such samples there are.
+    /// Number of such samples.
     fn samples(&self, touching: bool) -> usize {
         self.touches.iter().filter(|t| **t == touching).count()
     }
 
-    /// Whether what a model leaves is far from the noise: in the air, since in contact it is for many reasons.
+    /// Whether the residuals of the model are far above the noise. With contact, only those in the air count, since in
+    /// contact they have many reasons. Without contact, closing less than [`NEARLY`] of the gap counts as well.
     pub(crate) fn is_far(&self, noise: f64, touches: bool) -> bool {
         let in_air = |k: usize| self.touches.get(k) != Some(&true);
         let tells = !touches || self.samples(false) >= FREE;
@@ -134,14 +137,15 @@ impl Compared {
         open || tells && self.after.residuals.mean_error_of(in_air) > FAR * noise
     }
 
-    /// Whether a model takes what is far from the noise in the air down to it: there, no stiffness has a part in what it explains.
+    /// Whether the model reduces residuals in the air from far above the noise down to it. There, stiffness has no part in
+    /// the explanation.
     pub(crate) fn is_shown_in_air(&self, noise: f64) -> bool {
         let error = |of: &Estimated| of.residuals.mean_error_of(self.is_one(false));
         let (before, after) = (error(&self.before), error(&self.after));
         self.samples(false) >= FREE && before > FAR * noise && after < NEAR * noise
     }
 
-    /// Whether far more is left in contact than in the air.
+    /// Whether residuals are much larger in contact than in the air.
     pub(crate) fn is_worse_in_contact(&self) -> bool {
         let error = |touching| self.after.residuals.mean_error_of(self.is_one(touching));
         self.samples(false) >= FREE && error(true) > FAR * error(false)
@@ -180,9 +184,10 @@ impl Compared {
 }
 
 impl Extent {
-    /// With fields that are estimated as outside of the diagnosis; `None` where nothing is estimated. The contact is that
-    /// in which one estimates fields; of models that follow it, the one that they were found in, and of the nominal one
-    /// beside them whichever it does better in.
+    /// Compares fields that are estimated as outside of a diagnosis; `None` if none can be estimated.
+    ///
+    /// The contact is that in which one estimates fields. Models that follow the contact keep the one that they were found
+    /// in; beside them, the nominal model has whichever of the two it does better in.
     ///
     /// # Errors
     /// As [`Campaign::estimated`].
@@ -238,7 +243,7 @@ impl Extent {
         }))
     }
 
-    /// With the fields of the diagnosis; `field` is that of the nominal model.
+    /// Compares the fields of the diagnosis; `field` is that of the nominal model.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -279,14 +284,14 @@ impl Extent {
         self.named.as_ref().map_or(0.0, |c| c.closed.fraction)
     }
 
-    /// The mean errors of the named model and of the nominal one, where the former is the larger.
+    /// The mean errors of the named model and of the nominal one, if the former is larger.
     pub(crate) fn worse(&self) -> Option<[f64; 2]> {
         let named = self.named.as_ref()?;
         let [after, before] = [&named.after, &named.before].map(Estimated::error);
         (after > before).then_some([after, before])
     }
 
-    /// What is told of: the named model, if it is what is `corrected`, or the nominal one beside itself.
+    /// The comparison to report: the named model if it is what is `corrected`, otherwise the nominal model with itself.
     pub(crate) fn told(self, corrected: bool) -> Compared {
         self.named.filter(|_| corrected).unwrap_or(Compared {
             before: self.nominal.clone(),

@@ -1,5 +1,5 @@
-//! Gaussian models of readings over windows: what the stiffness, the noise and the model's own
-//! roughness let a reading vary, and how well an effect explains the rest.
+//! Gaussian models of readings over windows: how much readings vary with the stiffness, the noise and the model's own
+//! roughness, and how well an effect explains the rest.
 
 mod covariance;
 mod lattice;

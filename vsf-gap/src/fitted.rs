@@ -6,10 +6,10 @@ use crate::{Campaign, ContactLog, GapError, Model, Motion};
 use faer::Mat;
 use std::sync::Arc;
 
-/// By so many standard deviations of noise readings are like torques, or opposite to them.
+/// Number of standard deviations of the noise beyond which readings count as similar or opposite to torques.
 const SURE: f64 = 4.0;
 
-/// A model fitted to sequences: contacts, columns and the spread that the readings call for.
+/// A model on sequences: contacts, columns and covariance.
 pub(crate) struct Fitted<'a> {
     /// The model.
     pub(crate) model: Model,
@@ -25,19 +25,19 @@ pub(crate) struct Fitted<'a> {
     pub(crate) readings: Vec<f64>,
     /// Parts of the covariance.
     pub(crate) parts: Parts,
-    /// A stiffness (N/m) that, everywhere the same, explains the readings best.
+    /// The uniform stiffness (N/m) that explains the readings best.
     pub(crate) uniform: f64,
-    /// Correlation of what one stiffness everywhere gives with the readings less the torques that do not depend on it, in
-    /// the windows in contact, -1 to 1; 0 where it may be one of noise.
+    /// Correlation, in the windows in contact, of the torques of a uniform stiffness with the readings minus the torques
+    /// that do not depend on the stiffness, -1 to 1; 0 if it may be due to noise.
     pub(crate) likeness: f64,
-    /// Whether anything is touched, points that are taken out included.
+    /// Whether anything is touched, points that were removed included.
     pub(crate) touched: bool,
 }
 impl Campaign {
-    /// Contacts, columns and covariance of a model over sequences.
+    /// Computes contacts, columns and covariance of a model over sequences.
     ///
     /// # Errors
-    /// Rows that contact cannot take, parameters that an effect cannot take.
+    /// Rows that contact cannot take; parameters that an effect cannot take.
     pub(crate) fn fitted<'a>(
         &self,
         model: &Model,
@@ -100,7 +100,7 @@ impl Campaign {
 }
 
 impl Fitted<'_> {
-    /// Takes points out of the model.
+    /// Removes points from the model.
     pub(crate) fn leave_out(&mut self, campaign: &Campaign, out: impl Fn(u32) -> bool) {
         let (left, kept): (Vec<usize>, Vec<usize>) =
             (0..self.design.points.len()).partition(|&k| out(self.design.points[k]));
@@ -118,14 +118,14 @@ impl Fitted<'_> {
         !self.design.points.is_empty()
     }
 
-    /// Readings less the torques that do not depend on the stiffness.
+    /// Readings minus the torques that do not depend on the stiffness.
     pub(crate) fn rest(&self) -> Vec<f64> {
         (self.readings.iter().zip(&self.design.a))
             .map(|(y, a)| y - a)
             .collect()
     }
 
-    /// Log of the evidence of the readings, without constants.
+    /// Log evidence of the readings, without constants.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -134,13 +134,13 @@ impl Fitted<'_> {
         Ok(self.log_evidence_of(&factor))
     }
 
-    /// The same, with the factor at hand.
+    /// The log evidence for an existing factor.
     pub(crate) fn log_evidence_of(&self, factor: &Factor) -> f64 {
         log_density(&self.rest(), factor)
     }
 
-    /// Mean stiffness per rest point, without the constraint that it is not negative; `factor` is that
-    /// of the covariance with this spread.
+    /// Mean stiffness per rest point, without the constraint that it is not negative; `factor` is that of the covariance
+    /// with this spread.
     pub(crate) fn stiffness(
         &self,
         campaign: &Campaign,
@@ -150,7 +150,7 @@ impl Fitted<'_> {
         self.field(campaign, spread, &factor.solved(&self.rest()))
     }
 
-    /// The same of readings that are solved with the covariance.
+    /// The same from readings that are already solved with the covariance.
     pub(crate) fn field(&self, campaign: &Campaign, spread: &Spread, solved: &[f64]) -> Vec<f64> {
         let positions = campaign.site.rest.positions();
         let touched = field_mean(&self.design, positions, spread, solved);
@@ -174,8 +174,8 @@ impl Fitted<'_> {
     }
 }
 
-/// Correlation of `unit` with `readings - a`, each of `d` joints a window, in the windows where the former is not zero;
-/// `noise` is the variance of their product.
+/// Correlation of `unit` with `readings - a` (`d` joints per window) in the windows where `unit` is not zero; `noise` is
+/// the variance of the product of `unit` with the noise.
 fn likeness(unit: &[f64], readings: &[f64], a: &[f64], d: usize, noise: f64) -> f64 {
     let [mut along, mut squares, mut energy] = [0.0; 3];
     let windows = unit.chunks(d).zip(readings.chunks(d).zip(a.chunks(d)));
@@ -201,7 +201,7 @@ pub(crate) fn whitened(values: &[f64], factor: &Factor) -> Vec<f64> {
     y.col_as_slice(0).to_vec()
 }
 
-/// Log of the density of values of mean zero, without constants.
+/// Log density of values of mean zero, without constants.
 pub(crate) fn log_density(values: &[f64], factor: &Factor) -> f64 {
     let squares: f64 = whitened(values, factor).iter().map(|y| y * y).sum();
     -0.5 * (factor.log_det() + squares)

@@ -1,6 +1,8 @@
-//! Shares by which joints scale the torques of the field: equal ones are a scale of the stiffness, which the field has
-//! already. They are fitted with mean zero, so that no evidence comes from such a scale, and told relative to the joint
-//! that most others agree with, so that few differ.
+//! Shares by which joints scale the torques of the field. If all are equal, they are a scale of the stiffness, which the
+//! field already has.
+//!
+//! The shares are fitted with mean zero, so that no evidence comes from such a scale. They are reported relative to the
+//! joint that most others agree with, so that few joints differ.
 
 use crate::Parameter;
 use crate::evidence::Normal;
@@ -11,13 +13,13 @@ use std::collections::BTreeSet;
 
 /// How far the mean may be from zero.
 const TIED: f64 = 1e-3;
-/// Shares that differ by less agree, however sure they are.
+/// Shares that differ by less agree, however certain they are.
 const AGREE: f64 = 0.03;
-/// A share whose deviation is more than this part of that of its prior is not known.
+/// A share is unknown if its deviation is more than this part of that of its prior.
 const KNOWN: f64 = 0.9;
 
-/// Weights of an effect's parameters in the mean that is zero, by the energy of what they change; all 0 of an effect
-/// that does not scale the field, or of which a share may not move.
+/// Weights of an effect's parameters in the mean that is held at zero, by the energy of what they change. All are 0 if the
+/// effect does not scale the field, or if one of its shares may not move.
 pub(crate) fn weights(parameters: &[Parameter], tangent: &Tangent) -> Vec<f64> {
     let mut weights = vec![0.0; parameters.len()];
     let scales = |i: &usize| parameters[*i].scales_field;
@@ -35,8 +37,7 @@ pub(crate) fn weights(parameters: &[Parameter], tangent: &Tangent) -> Vec<f64> {
     weights
 }
 
-/// The shares that are tied: their places among the parameters that may move, and among all; none where two effects
-/// scale the field.
+/// The tied shares: their indices among the parameters that may move, and among all. Empty if two effects scale the field.
 fn tied(prior: &Prior) -> Vec<(usize, usize)> {
     let moving = prior.moving().enumerate();
     let own: Vec<(usize, usize)> = moving.filter(|(_, i)| prior.weights[*i] > 0.0).collect();
@@ -55,7 +56,7 @@ fn mean(prior: &Prior, theta: &[f64]) -> f64 {
     own.map(|(_, i)| prior.weights[i] * theta[i]).sum()
 }
 
-/// Parameters whose shares have the mean zero, and by what the stiffness is to be scaled so that torques stay.
+/// Shares shifted to mean zero, and the factor on the stiffness that keeps the torques as they are.
 pub(crate) fn centered(prior: &Prior, mut theta: Vec<f64>) -> (Vec<f64>, f64) {
     let scale = 1.0 + mean(prior, &theta);
     for (_, i) in tied(prior) {
@@ -65,13 +66,13 @@ pub(crate) fn centered(prior: &Prior, mut theta: Vec<f64>) -> (Vec<f64>, f64) {
     (theta, scale)
 }
 
-/// Nats that it costs that their mean is not zero.
+/// Cost (nats) of a mean that is not zero.
 pub(crate) fn cost(prior: &Prior, theta: &[f64]) -> f64 {
     0.5 * (mean(prior, theta) / TIED).powi(2)
 }
 
-/// Ties them in what readings tell of the parameters that may move, and returns what that adds to the log evidence: the
-/// prior is one of shares of mean zero.
+/// Ties the shares to mean zero in the information on the parameters that may move. Returns what this adds to the log
+/// evidence, since the prior is one of shares of mean zero.
 pub(crate) fn tie(prior: &Prior, normal: &mut Normal) -> f64 {
     let own = tied(prior);
     let weight = |i: usize| prior.weights[i] / TIED;
@@ -84,18 +85,19 @@ pub(crate) fn tie(prior: &Prior, normal: &mut Normal) -> f64 {
     0.5 * own.iter().map(of_prior).sum::<f64>().ln_1p()
 }
 
-/// The joint whose share is zero for that others are relative to it.
+/// The joint whose share is set to zero, since the others are relative to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Reference {
-    /// Its share, among all parameters.
+    /// Index of its share among all parameters.
     pub(crate) share: usize,
     /// Whether most others agree with it.
     pub(crate) agreed: bool,
 }
 
-/// Scales the stiffness of a model, and its spread, such that the joint that most others agree with has no share, if that
-/// leaves all shares within their bounds; takes the covariance of the parameters that may move and returns what it is then.
-/// The model predicts what it did.
+/// Makes shares relative to the joint that most others agree with, if that leaves all shares within their bounds.
+///
+/// Scales the stiffness of the model and its spread accordingly, so the predictions stay the same. `covariance` is that of
+/// the parameters that may move; returns it after the change.
 pub(crate) fn relative(model: &mut Refined, covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let own = tied(&model.prior);
     let Some((at, reference)) = reference(model, &own, covariance) else {
@@ -130,7 +132,7 @@ pub(crate) fn relative(model: &mut Refined, covariance: &DMatrix<f64>) -> DMatri
     &turn * covariance * turn.transpose()
 }
 
-/// The joint that most others agree with: where its share is among the parameters that may move, and which that is.
+/// The joint that most others agree with: the index of its share among the parameters that may move, and the reference.
 fn reference(
     model: &Refined,
     own: &[(usize, usize)],

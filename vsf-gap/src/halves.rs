@@ -1,22 +1,26 @@
-//! Test sequences cut in two. What is different in every sequence, such as where the object lies, shows where
-//! sequences touch the same places, and can be checked only on the sequence that it was fitted to.
+//! Test sequences cut in two.
+//!
+//! What differs in every sequence, such as the place of the object, shows where sequences touch the same places. It can be
+//! checked only on the sequence that it was fitted to.
 
 use crate::{Acts, Campaign, ContactLog, Effect, GapError, Model, Motion};
 use std::ops::Range;
 
-/// Share of the samples in contact that each part of a sequence holds at least.
+/// Smallest share of the samples in contact that each part of a sequence holds.
 const LEAST: f64 = 0.25;
 
-/// Whether an effect moves contacts in every sequence by parameters of its own.
+/// Whether an effect moves contacts by parameters of its own for every sequence.
 pub(crate) fn is_of_sequences(effect: &dyn Effect, campaign: &Campaign) -> bool {
     let mut parameters = effect.parameters(&campaign.site).into_iter();
     effect.acts() == Acts::Contact && parameters.any(|p| p.sequence.is_some())
 }
 
 impl Campaign {
-    /// The campaign with the first halves of its test sequences among the train sequences; the second halves
-    /// test. Left out are test sequences that do not let go of the object in between, or whose readings are
-    /// relative to their start, which a second half does not have. `None` where all are.
+    /// The campaign with the first halves of its test sequences among the train sequences; the second halves are the test
+    /// sequences.
+    ///
+    /// Left out are test sequences that do not let go of the object in between, or whose readings are relative to their
+    /// start, which a second half does not have. `None` if all are left out.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -37,8 +41,7 @@ impl Campaign {
     }
 }
 
-/// The row in the middle of the free motion, or the start of a touch, that is nearest to the middle of the
-/// contact.
+/// The row in the middle of the free motion, or at the start of a touch, that is nearest to the middle of the contact.
 fn middle(motion: &Motion, log: &ContactLog) -> Option<usize> {
     let touching = |row: usize| !log.contacts[row].is_empty();
     let all = (0..motion.len()).filter(|row| touching(*row)).count();

@@ -1,4 +1,4 @@
-//! Hypotheses are weighed against each other and against no gap, by what the train sequences show.
+//! Weighs the hypotheses against each other and against "no gap", by what the train sequences show.
 
 use crate::evidence::Spread;
 use crate::refine::Refined;
@@ -12,10 +12,11 @@ use std::sync::Arc;
 // other seeds than the blind cases that are reported. Those of roughness are of a time when it was of forces alone; with
 // errors of the place, the same recordings come out less rough.
 
-/// Nats for one e-fold of probability. Models are never quite right, so that evidence overstates what it knows; with this one,
-/// stated probabilities came closest to true, of what is not roughly so: blind cases (`vsf experiment blind`) print by how much.
+/// Nats per e-fold of probability. Models are never quite right, so evidence is overconfident. With this value, stated
+/// probabilities came closest to the true ones, which are only roughly met: blind cases (`vsf experiment blind`) print the
+/// deviation.
 const TEMPERATURE: f64 = 7.0;
-/// Where contact is rough, effects of contact gain by chance: so many times more.
+/// Factors on the required gain where contact is rough, since effects of contact then gain by chance.
 const ROUGHNESS: [Rough; 2] = [
     Rough {
         from: CONTACT[1],
@@ -28,47 +29,50 @@ const ROUGHNESS: [Rough; 2] = [
         others: 3.0,
     },
 ];
-/// A gain of so many times what is required is clear.
+/// A gain of this many times the required one is clear.
 const CLEAR: f64 = 2.0;
-/// Roughness of contact from which on effects that choose other contacts have to prove themselves on the checked
-/// sequences: by the share of the gap that they close, or by what they gain per sample there as a share of what they gain
-/// per sample on the others.
+/// Roughness of contact from which on effects that choose other contacts have to prove themselves on the checked sequences.
+/// They do so by the share of the gap that they close, or by their gain per sample there relative to that on the other
+/// sequences.
 const UNSURE: f64 = CONTACT[1];
 const PROOF: f64 = 0.4;
 const PROOF_FORETOLD: f64 = 0.5;
-/// Nats that tell nothing.
+/// A change of log density (nats) that means nothing.
 const NOTHING: f64 = 1.0;
-/// The share of an effect's gain that is left where its form is wrong by a third of its size: a further
-/// effect, or a more general form, that gains less mends the forms of those before.
+/// Share of an effect's gain that is left if its form is wrong by a third of its size. A further effect, or a more general
+/// form, that gains less only mends the forms of the earlier ones.
 const MISFIT: f64 = 0.12;
 /// Roughness of joints from which on something acts that the model does not have.
 const ROUGH: f64 = 0.15;
-/// A nominal model that leaves more of the energy of what is felt in contact has failed.
+/// A nominal model that leaves more than this share of the energy of the readings in contact has failed.
 const FAILED: f64 = 0.5;
-/// Readings that are less like those of springs go against them, whatever little of them a field explains.
+/// Readings whose correlation with spring torques is below this contradict springs, even if a field explains a little of
+/// them.
 const OPPOSED: f64 = -0.5;
-/// Weight of "no gap" beside one for every effect.
+/// Weight of "no gap" relative to a weight of one for every effect.
 const NO_GAP: f64 = 3.0;
-/// Weight, beside "no gap", of effects of contact that the evidence cannot show because the stiffness
-/// absorbs them; and where contact is so rough that its own errors hide them.
+/// Weight, relative to "no gap", of effects of contact that the evidence cannot show: because the stiffness absorbs them,
+/// and where contact is so rough that its own errors hide them.
 const ABSORBED: f64 = 0.5;
 const HIDDEN: f64 = 2.0;
-/// More than this share of an effect is never taken for absorbed: shares are of first order.
+/// Largest share of an effect that counts as absorbed, since shares are of first order.
 const MOST_ABSORBED: f64 = 0.99;
-/// In one of so many recordings without an effect it reaches its null gain; gains are taken to fall off exponentially.
+/// An effect reaches its null gain in one of this many recordings in which it does not act. Gains are assumed to fall off
+/// exponentially.
 const SELDOM: f64 = 100.0;
 
-/// How many times more effects of contact have to gain.
+/// Factors on the gain that effects of contact need.
 struct Rough {
-    /// Roughness of contact from which on.
+    /// Smallest roughness of contact to which they apply.
     from: f64,
-    /// Those that choose contacts or scale their torques ([`Effect::chooses_contacts`], [`Effect::scales_contact`]).
+    /// Factor for effects that choose contacts or scale their torques ([`Effect::chooses_contacts`],
+    /// [`Effect::scales_contact`]).
     choosing: f64,
-    /// The others on springs and contact.
+    /// Factor for the other effects on springs and contact.
     others: f64,
 }
 
-/// A model that was fitted, as a hypothesis.
+/// A fitted model, as a hypothesis.
 pub(crate) struct Hypothesis<'a> {
     /// The model.
     pub(crate) refined: &'a Refined,
@@ -78,8 +82,8 @@ pub(crate) struct Hypothesis<'a> {
 }
 
 impl<'a> Hypothesis<'a> {
-    /// `base` is the log evidence of the nominal model, `rough` its roughness of contact, `alone` the gain
-    /// of an effect on its own, if it was fitted.
+    /// `base` is the log evidence of the nominal model, `rough` its roughness of contact, and `alone` gives the gain of an
+    /// effect on its own, if it was fitted.
     pub(crate) fn new(
         refined: &'a Refined,
         base: f64,
@@ -105,7 +109,7 @@ impl<'a> Hypothesis<'a> {
         }
     }
 
-    /// The gain that it needs; less is reached without any effect.
+    /// The gain that it needs. Smaller gains are reached without any effect.
     pub(crate) fn required_gain(&self) -> f64 {
         self.required_gain
     }
@@ -116,12 +120,12 @@ impl<'a> Hypothesis<'a> {
         parts.iter().map(|(e, _)| e.name().to_owned()).collect()
     }
 
-    /// Whether it stands the check on the test sequences.
+    /// Whether the hypothesis passes the check on the test sequences.
     ///
-    /// It may not make them less likely. A model may predict them worse only if all sequences together speak for it with twice
-    /// the evidence that it needs, since test sequences touch new places, which have errors of their own; one that chooses
-    /// other contacts never. Where contact is rough, the latter has to close much of the gap, too, or to gain on the test
-    /// sequences half as much a sample as on the others.
+    /// It may not make them less likely. It may predict them worse only if all sequences together give it twice the
+    /// evidence that it needs, since test sequences touch new places, which have errors of their own. A hypothesis that
+    /// chooses other contacts may never predict them worse. Where contact is rough, it also has to close much of the gap,
+    /// or to gain at least half as much per sample on the test sequences as on the others.
     pub(crate) fn stands(&self, on_test: &OnTest) -> bool {
         let OnTest {
             closed,
@@ -141,30 +145,30 @@ impl<'a> Hypothesis<'a> {
     }
 }
 
-/// How a model does on the test sequences.
+/// Results of a model on the test sequences.
 pub(crate) struct OnTest {
-    /// The share of their gap that it closes.
+    /// The share of the gap on them that it closes.
     pub(crate) closed: f64,
     /// Its gain of log predictive density over the nominal model (nats).
     pub(crate) foretold: f64,
-    /// Whether the plain error grows.
+    /// Whether the mean error grows.
     pub(crate) worse: bool,
-    /// Number of their samples that the gain is of, over that of the train sequences.
+    /// Number of test samples that the gain refers to, divided by that of the train sequences.
     pub(crate) share: f64,
 }
 
-/// The gain that a further effect needs beside those of a model that gains so much.
+/// The gain that a further effect needs beside a model that already gains `gain`.
 pub(crate) fn required_gain_beside(further: &dyn Effect, gain: f64, rough: f64) -> f64 {
     required_gain(further, rough) + MISFIT * gain
 }
 
-/// Whether what gains so much may be another form of what gains the most.
+/// Whether a model that gains `gain` may be another form of the one that gains the most.
 pub(crate) fn is_form_of(gain: f64, most: f64) -> bool {
     gain >= (1.0 - MISFIT) * most
 }
 
-/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], and where contact is rough more for those
-/// that act on springs and contact or scale its torques.
+/// The gain of log evidence (nats) that an effect needs: [`Effect::null_gain`], times a factor where contact is rough for
+/// effects that act on springs and contact or scale its torques.
 pub(crate) fn required_gain(effect: &dyn Effect, rough: f64) -> f64 {
     let times = match ROUGHNESS.iter().rfind(|r| rough >= r.from) {
         Some(r) if effect.chooses_contacts() || effect.scales_contact() => r.choosing,
@@ -174,16 +178,18 @@ pub(crate) fn required_gain(effect: &dyn Effect, rough: f64) -> f64 {
     times * effect.null_gain()
 }
 
-/// Weight of an effect among those that may act without showing: the odds of what the stiffness absorbs of it, of which
-/// this is the share, over how seldom it gains as much where it does not act, up to where it would show. Heuristic: what
-/// is absorbed is a share of information, not a probability.
+/// Weight of an effect among those that may act without showing.
+///
+/// It is the odds of the share that the stiffness absorbs of it, divided by how seldom the effect gains as much where it
+/// does not act, up to where it would show. This is a heuristic: the absorbed share is one of information, not a
+/// probability.
 pub(crate) fn hidden_weight(effect: &dyn Effect, absorbed: f64, gain: f64, rough: f64) -> f64 {
     let absorbed = absorbed.min(MOST_ABSORBED);
     let required = required_gain(effect, rough).max(f64::MIN_POSITIVE);
     absorbed / (1.0 - absorbed) * SELDOM.powf((gain / required).min(1.0))
 }
 
-/// Weight of effects that do not show, beside one for every effect.
+/// Weight of effects that do not show, relative to one for every effect.
 fn hidden(touches: bool, rough: f64) -> f64 {
     match (touches, rough >= UNSURE) {
         (true, true) => HIDDEN * NO_GAP,
@@ -192,29 +198,29 @@ fn hidden(touches: bool, rough: f64) -> f64 {
     }
 }
 
-/// The gain from which on an effect that alone fits is named.
+/// The gain from which on an effect is named if it alone fits.
 pub(crate) fn named_from(effect: &dyn Effect, rough: f64, touches: bool) -> f64 {
     let against = NO_GAP + hidden(touches, rough);
     let weight = NO_GAP.max(NAMED / (1.0 - NAMED) * against);
     required_gain(effect, rough) + TEMPERATURE * weight.ln()
 }
 
-/// How the nominal model does.
+/// Results of the nominal model.
 pub(crate) struct Nominal {
     /// The spread under which it does best.
     pub(crate) spread: Spread,
     /// Whether there is contact.
     pub(crate) touches: bool,
-    /// Share of the energy of the train readings that it leaves.
+    /// Share of the energy of the train readings that it leaves unexplained.
     pub(crate) left: f64,
-    /// Correlation of the train readings in contact with those of one stiffness everywhere.
+    /// Correlation of the train readings in contact with the torques of a uniform stiffness.
     pub(crate) likeness: f64,
     /// Whether it predicts the checked sequences to within noise.
     pub(crate) perfect: bool,
 }
 
 impl Nominal {
-    /// What to say when no effect is named.
+    /// The answer when no effect is named.
     fn kind(&self) -> VerdictKind {
         if self.contradicts() || self.spread.joint >= ROUGH && !self.perfect {
             VerdictKind::Unknown
@@ -223,32 +229,33 @@ impl Nominal {
         }
     }
 
-    /// Whether no stiffness explains what is felt in contact.
+    /// Whether no stiffness explains the readings in contact.
     pub(crate) fn contradicts(&self) -> bool {
         self.touches && !self.perfect && (self.left > FAILED || opposes(self.likeness))
     }
 }
 
-/// Whether readings of such a likeness to those of springs are opposite to them.
+/// Whether readings with this correlation to spring torques are opposite to them.
 pub(crate) fn opposes(likeness: f64) -> bool {
     likeness < OPPOSED
 }
 
 /// What the train sequences show.
 pub(crate) struct Judged {
-    /// The answer that they give.
+    /// The answer from the train sequences.
     pub(crate) verdict: Verdict,
     /// Index of the hypothesis that the verdict names, if any.
     pub(crate) named: Option<usize>,
-    /// Those of every effect that was fitted, the likeliest first.
+    /// Probability of every effect that was fitted, the likeliest first.
     pub(crate) probabilities: Vec<(String, f64)>,
-    /// That nothing acts.
+    /// Probability that nothing acts.
     pub(crate) none: f64,
-    /// That of every hypothesis, with its effects.
+    /// Effects and probability of every hypothesis.
     pub(crate) of_hypotheses: Vec<(Vec<String>, f64)>,
 }
 
-/// The effects of the likeliest hypotheses which, with what is covered without effects, make up 95 %.
+/// The effects of the likeliest hypotheses that reach 95 % together with `covered`, the probability covered without
+/// effects.
 pub(crate) fn effect_set(hypotheses: &[(Vec<String>, f64)], mut covered: f64) -> Vec<String> {
     let mut order: Vec<&(Vec<String>, f64)> = hypotheses.iter().collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1));

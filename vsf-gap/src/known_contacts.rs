@@ -3,26 +3,27 @@ use nalgebra::Vector3;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use vsf_core::Posture;
 
-/// Bytes for the contacts of models that change them, of all sequences together. Searches return to the best of few
-/// neighbors: one or two logs of a sequence are most of what is asked for again.
+/// Bytes for the contacts of models that change them, over all sequences. Searches return to the best of a few neighbors,
+/// so one or two logs per sequence serve most repeated requests.
 const BUDGET: usize = 128 << 20;
 
-/// A contact: point, link, displacement and normal.
+/// Bytes of a contact: point, link, displacement and normal.
 const CONTACT: usize = 2 * size_of::<u32>() + 2 * size_of::<Vector3<f64>>();
 
-/// Contacts of one sequence that were run already.
+/// Cached contacts of one sequence.
 #[derive(Default)]
 pub(crate) struct KnownContacts {
-    /// Of the nominal model, and of all others that leave contacts as they are.
+    /// Contacts of the nominal model, and of all others that leave contacts as they are.
     nominal: OnceLock<Arc<ContactLog>>,
-    /// Of the last models that change them, the latest at the end. Of a model, the effects that act on contact.
+    /// Contacts of the last models that change them, the latest at the end. Each is keyed by the effects of its model that
+    /// act on contact.
     changed: Mutex<Vec<(Model, Arc<ContactLog>)>>,
-    /// Most bytes of these.
+    /// Most bytes for `changed`.
     budget: usize,
 }
 
 impl KnownContacts {
-    /// Of sequences whose contacts nobody asked for.
+    /// Empty caches for so many sequences.
     pub(crate) fn of_none(sequences: usize) -> Arc<[Self]> {
         let none = |_| Self {
             budget: BUDGET / sequences,
@@ -31,7 +32,7 @@ impl KnownContacts {
         (0..sequences).map(none).collect()
     }
 
-    /// The contacts of a model: known, or as `run` finds them.
+    /// The contacts of a model: cached, or computed by `run`.
     ///
     /// # Errors
     /// Those of `run`.
@@ -76,7 +77,7 @@ impl KnownContacts {
     }
 }
 
-/// Of its contacts and, in every row, of where the links are: all of a log, where nothing is touched.
+/// Bytes of a log: its contacts and, in every row, where the links are. Where nothing is touched, the latter is all.
 fn bytes(log: &ContactLog) -> usize {
     let contacts: usize = log.contacts.iter().map(|c| c.len()).sum();
     let posture = log.postures.first().map_or(0, |p| {

@@ -3,16 +3,17 @@ use crate::{Campaign, ContactLog, center};
 use faer::Mat;
 use std::sync::Arc;
 
-/// Where the force at the contact is wrong by all of its size, the place where it acts is wrong by so much (m): about the
-/// thickness of a link.
+/// Error of the place where the contact force acts (m) when the force is wrong by all of its size: about the thickness of a
+/// link.
 const PLACE: f64 = 0.1;
 /// Columns of [`Campaign::lever`]: of a force, and of a shift of its place, along each axis.
 pub(crate) const LEVERS: usize = 6;
 
 impl Campaign {
-    /// How the joints feel what contact gets wrong, over windows, per axis of the world: three columns for a force as large
-    /// as that of the window, three for a shift of the place where that acts, by [`PLACE`]. What contact leaves
-    /// unexplained is of this form, whatever its cause.
+    /// The joint torques of contact errors, over windows.
+    ///
+    /// Per axis of the world, there are three columns for a force as large as that of the window, and three for a shift of
+    /// the place where that force acts, by [`PLACE`]. What contact leaves unexplained is of this form, whatever its cause.
     pub(crate) fn lever(&self, logs: &[Arc<ContactLog>], windows: &Windows) -> Mat<f64> {
         let d = windows.joints;
         let mut lever = Mat::zeros(windows.rows(), LEVERS);

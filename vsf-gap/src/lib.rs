@@ -1,47 +1,49 @@
-//! Diagnosis of the sim-to-real gap: *where* it lies, *which* unmodeled effect causes it, *how far*
-//! it closes once that effect is added, checked on sequences that no model was fitted to. What is named has to stand
-//! that check, so that the share that a named effect closes is a little optimistic.
+//! Diagnosis of the sim-to-real gap: *where* it lies, *which* unmodeled effect causes it, and *how far* it closes once that
+//! effect is in the model.
 //!
-//! The nominal model of a recording is `tau = W K`: contacts give the columns `W`, the stiffness `K`
-//! is estimated (of an arm in free air, the rigid body alone). An [`Effect`] changes it to
-//! `tau = G W K + a` with other contacts, springs `W`, gains `G` and torques `a`, by parameters
-//! `theta` that are zero in the nominal model. A field with a stiffness per point absorbs much of what
-//! effects do, so that they are judged by what it cannot absorb:
+//! How far is measured on sequences that no model was fitted to. An effect is named only if it passes a check on the same
+//! sequences, so the share that it closes is slightly optimistic.
 //!
-//! 1. Readings are averaged over windows, of long recordings with contact over short ones from all
-//!    over them. Noise comes from differences of neighboring samples, second ones as a rule.
-//! 2. The readings are Gaussian with the covariance of noise, of the stiffness (single points, a part
-//!    that is smooth over 4 cm, a common level) and of the model's own roughness (of forces at the
-//!    contact and the place where they act, of joints, of effects that wander). The stiffness is integrated out.
-//! 3. **Screening**: the evidence with every effect, linear in its amplitudes, whose prior is an effect
-//!    of 30 % of the torque. Roughness is averaged over, so that an effect must explain better than
-//!    "something rough acts here".
-//! 4. **Finalists** are fitted together with the field by Gauss-Newton steps on the evidence, contacts
-//!    simulated anew, from several starts where an effect moves surfaces. Those that explain much get a
-//!    spread of the stiffness of their own: that of the nominal model makes up for what it lacks.
-//! 5. A second effect is added if it earns its place, and the first is kept only if the second does
-//!    not do as well alone. A third and a fourth may follow, if none before can be spared. With contact, too, others that
+//! The nominal model of a recording is `tau = W K`. Contacts give the columns `W`, and the stiffness `K` is estimated. (For
+//! an arm in free air, the nominal model is the rigid body alone.) An [`Effect`] changes it to `tau = G W K + a`, with
+//! other contacts, springs `W`, gains `G` and torques `a`. Its parameters `theta` are zero in the nominal model. A field
+//! with one stiffness per point absorbs much of what effects do, so effects are judged by what it cannot absorb:
+//!
+//! 1. Readings are averaged over windows. In long recordings with contact, the windows are short and spread over the whole
+//!    recording. The noise is estimated from differences of neighboring samples, usually second differences.
+//! 2. The readings are modeled as Gaussian. Their covariance is that of the noise, of the stiffness (single points, a part
+//!    that is smooth over 4 cm, a common level) and of the model's own roughness (errors of the contact force and of the
+//!    place where it acts, of joints, of effects that wander). The stiffness is integrated out.
+//! 3. **Screening** computes the log evidence with every effect, linear in its amplitudes, under a prior in which the
+//!    effect is 30 % of the torque. Roughness is averaged over, so an effect must explain more than "something rough acts
+//!    here".
+//! 4. **Finalists** are fitted together with the field by Gauss-Newton steps on the evidence, with contacts simulated anew.
+//!    Effects that move surfaces are started from several points. Models that explain much get a stiffness spread of their
+//!    own, since the spread of the nominal model makes up for what that model lacks.
+//! 5. A second effect is added if it earns its place, and the first is kept only if the second does not do as well alone. A
+//!    third and a fourth may follow, as long as none of the earlier ones can be spared. With contact, other effects that
 //!    explain nearly as much as the first are tried in its place.
-//! 6. **Verdict**: evidence beyond what the effect gains where nothing acts, as probabilities. The test sequences have a
-//!    veto: given the train sequences, which leave its parameters uncertain, an effect may not make them less likely, and it
-//!    may predict them worse only with twice the evidence that it needs, one that chooses other contacts not at all.
-//!    Something rough that no effect explains, or that remains in free motion where no effect closes half of the gap, is *unknown*, and so is a cause whose
-//!    model leaves innovations that are not white, and one beside sensors that look saturated; several effects that fit alike are *not diagnosable*, and
-//!    so is one that with a single stiffness everywhere explains what the field shows, as stiffening does of
-//!    an object that grows stiff with depth.
-//! 7. **How far** is measured on the test sequences, with field and effect fitted to train; where something is touched, with
-//!    fields as one estimates them outside of a diagnosis, with the effect and without. A corrected model that predicts
-//!    them worse is not given out.
-//! 8. What differs from sequence to sequence, as the place of an object that is put back, shows where
-//!    sequences touch the same places and cannot be known of others: if nothing else explains most of the gap,
-//!    it is fitted with the first half of every test sequence, and checked on the second halves.
+//! 6. **Verdict**: the evidence beyond what an effect gains where nothing acts is turned into probabilities. The test
+//!    sequences have a veto. Given the train sequences, which leave its parameters uncertain, an effect may not make the
+//!    test sequences less likely. It may predict them worse only with twice the evidence that it needs; an effect that
+//!    chooses other contacts may not predict them worse at all. The cause is *unknown* if something rough is left that no
+//!    effect explains, if roughness remains in free motion and no effect closes half of the gap, if the model of the cause
+//!    leaves innovations that are not white, or if sensors look saturated. The cause is *not diagnosable* if several
+//!    effects fit alike, or if an effect with one stiffness everywhere explains what the field shows, as stiffening does
+//!    for an object that grows stiff with depth.
+//! 7. **How far** is measured on the test sequences, with field and effect fitted to the train sequences. Where something
+//!    is touched, the fields are those that one estimates outside of a diagnosis, with and without the effect. A corrected
+//!    model that predicts the test sequences worse is not returned.
+//! 8. What differs from sequence to sequence, such as the place of an object that is put back, shows where sequences touch
+//!    the same places, and cannot be known for other sequences. If nothing else explains most of the gap, it is fitted with
+//!    the first half of every test sequence and checked on the second halves.
 //!
-//! [`diagnose`] runs all of it. Time is dominated by the contact that effects change, some hundred runs
-//! over the train sequences, some ten over the test sequences, and by some hundred factorizations of some 1300 rows, twice as many at most.
-//! Couplings of joints take columns that grow with the square of their number.
+//! [`diagnose`] runs all of it. Most of the time goes into the contacts that effects change (some hundred runs over the
+//! train sequences, some ten over the test sequences) and into some hundred factorizations of some 1300 rows, at most twice
+//! as many. Couplings of joints take columns that grow with the square of the number of joints.
 //!
-//! Rejected: choosing by the fit's error. On recordings without effect the best wrong effect fits much
-//! better and predicts worse.
+//! Rejected: choosing by the error of the fit. On recordings without an effect, the best wrong effect fits much better and
+//! predicts worse.
 //!
 //! # Reference
 //! M. C. Kennedy, A. O'Hagan, "Bayesian calibration of computer models", J. R. Stat. Soc. B 63(3),

@@ -6,30 +6,32 @@ use crate::{Effect, Site};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Standard normal quantile of the probability with which an effect of the stated size shows, 80 %.
+/// Standard normal quantile of 80 %, the probability with which an effect of the stated size shows.
 const POWER: f64 = 0.8416;
-/// Halvings of the interval in which a size is looked for.
+/// Halvings of the interval in which a size is searched.
 const HALVINGS: usize = 60;
 
-/// The smallest size of a parameter that a recording shows: with this parameter alone the effect would gain what it
-/// needs to be named, with a probability of 80 %. To first order in the parameter, of effects whose form is right,
-/// beside a field that takes what it can and beside what the nominal model leaves unexplained: smaller ones stay out of
-/// sight; larger ones may, if other effects imitate them or springs err by as much, as they do in contact.
+/// The smallest size of a parameter that a recording shows.
 ///
-/// The minimal detectable bias of W. Baarda, "A testing procedure for use in geodetic networks", 1968, with the
+/// With this parameter alone, the effect would gain the log evidence that it needs to be named, with a probability of 80 %.
+/// The size is computed to first order in the parameter, for effects whose form is right, beside a field that takes what it
+/// can and beside what the nominal model leaves unexplained. Smaller effects stay hidden. Larger ones may, too, if other
+/// effects imitate them or if springs err by as much, as they do in contact.
+///
+/// This is the minimal detectable bias of W. Baarda, "A testing procedure for use in geodetic networks", 1968, with the
 /// evidence that an effect needs here in place of the critical value of a test.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// Name of the parameter.
     pub name: String,
-    /// Its smallest size that shows, of a sign that it may have; `null` where no plausible one does.
+    /// Smallest size that shows, with a sign that it may have; `null` if no plausible size does.
     pub value: Option<f64>,
     /// Its unit.
     pub unit: String,
 }
 
-/// The limits of the amplitudes of an effect that has to gain `required_gain` nats, the parameter that shows best first: as
-/// a multiple of its typical size. Of a more general form, those that its special case has not.
+/// The limits of the amplitudes of an effect that has to gain `required_gain` nats. The parameter that shows best, relative
+/// to its typical size, comes first. For a more general form, only the amplitudes that its special case lacks.
 pub(crate) fn limits(
     effect: &dyn Effect,
     site: &Site,
@@ -76,17 +78,17 @@ pub(crate) fn limits(
     found.into_iter().map(|(_, limit)| limit).collect()
 }
 
-/// What the amplitudes of a tangent, in units of their prior deviations, tell under one spread.
+/// Information on the amplitudes of a tangent under one spread, in units of their prior deviations.
 struct Shown {
-    /// Information on each.
+    /// Information on each amplitude.
     whole: Vec<f64>,
-    /// The part that the effect explains, the prior of its amplitudes being what it is: see [`Normal::fit`].
+    /// The part of it that the effect explains under the prior of its amplitudes: see [`Normal::fit`].
     explained: Vec<f64>,
     /// What integrating out the amplitudes costs (nats).
     cost: f64,
 }
 
-/// `None` where numbers do not tell.
+/// `None` if the numbers do not allow a result.
 fn shown(normal: &Normal, sd: &[f64]) -> Option<Shown> {
     let p = sd.len();
     let scaled = DMatrix::from_fn(p, p, |i, j| sd[i] * sd[j] * normal.information[(i, j)]);
@@ -102,10 +104,11 @@ fn shown(normal: &Normal, sd: &[f64]) -> Option<Shown> {
     })
 }
 
-/// The size of amplitude `k` alone, in its prior deviations, at which the evidence grows by `required_gain` nats; infinite for
-/// one that changes nothing, `None` where numbers do not tell. `nominal` and `all` are the log evidence of the nominal
-/// model and what the amplitudes tell at every spread: what acts makes rougher models likelier, with and without the
-/// effect.
+/// The size of amplitude `k` alone, in its prior deviations, at which the evidence grows by `required_gain` nats. Infinite
+/// for one that changes nothing, `None` if the numbers do not allow a result.
+///
+/// `nominal` is the log evidence of the nominal model, and `all` what the amplitudes tell, at every spread. A real effect
+/// makes rougher models likelier, with and without the effect in the model.
 fn size(nominal: &[f64], all: &[Shown], k: usize, required_gain: f64) -> Option<f64> {
     let gain = |amplitude: f64| {
         let square = 0.5 * amplitude * amplitude;
@@ -144,7 +147,7 @@ fn size(nominal: &[f64], all: &[Shown], k: usize, required_gain: f64) -> Option<
 mod tests {
     use super::*;
 
-    /// That of an amplitude in its own unit.
+    /// The size of an amplitude in its own unit.
     fn size_of(
         nominal: &[f64],
         normals: &[Normal],

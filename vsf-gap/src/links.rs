@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use vsf_core::{JointScrew, Posture};
 use vsf_robots::DynamicsWorkspace;
 
-/// Motion of the links, which is not always what the recording has.
+/// Motion of the links, which may differ from the recorded motion.
 #[derive(Clone)]
 pub(crate) struct Links {
     q: Vec<f64>,
@@ -12,7 +12,7 @@ pub(crate) struct Links {
 }
 
 impl Links {
-    /// Of a robot with this many joints.
+    /// For a robot with this many joints.
     pub(crate) fn new(joints: usize) -> Self {
         Self {
             q: vec![0.0; joints],
@@ -21,7 +21,7 @@ impl Links {
         }
     }
 
-    /// Moves the links as the effects have it, in the frame of the object.
+    /// Moves the links as the effects say, in the frame of the object.
     ///
     /// # Errors
     /// Positions that the robot cannot take.
@@ -60,8 +60,7 @@ impl Links {
         self.q.iter().chain(&self.qd).chain(&self.qdd).copied()
     }
 
-    /// What the reading of the actuators changes by (N m or N) because the links do not move as the
-    /// recording has it.
+    /// Change of the actuator reading (N m or N) because the links do not move as recorded.
     ///
     /// # Errors
     /// Motions that the robot cannot take.

@@ -5,9 +5,11 @@ use vsf_pipeline::live::{Begins, Guard, Learner, Motion, Sample, check_free};
 /// ID of the sequences of a stream; no model knows it.
 const STREAM: &str = "";
 
-/// A corrected model that learns from a stream: a [`Corrector`] before an estimator. Torques of the samples are of the kind of its
-/// site; velocities that they do not have are estimated, as are accelerations ([`Motion`]). Effects that change with time go by that
-/// since the first sample, which a stamp far ahead moves for good.
+/// A corrected model that learns from a stream: a [`Corrector`] in front of an estimator.
+///
+/// Torques of the samples are of the kind of its site. Accelerations are estimated, and so are velocities that the samples
+/// lack ([`Motion`]). Effects that change with time use the time since the first sample; a single time stamp far ahead
+/// shifts that time for good.
 #[derive(Debug)]
 pub struct LiveCorrector<E> {
     corrector: Corrector,
@@ -15,18 +17,18 @@ pub struct LiveCorrector<E> {
     observation: Observation<f64>,
     motion: Motion,
     guard: Guard,
-    /// Time at which the session began, by the clock of the sequence (s), and how long that is ago.
+    /// Time at which the session began, by the clock of the sequence (s), and time since then (s).
     origin: Option<f64>,
     clock: f64,
-    /// Whether contact stands where the last sample left it.
+    /// Whether contact is in the state that the last sample left.
     stands: bool,
 }
 
 impl<E: Estimator<Scalar = f64>> LiveCorrector<E> {
-    /// At the beginning of a stream, with the noise of its readings.
+    /// Starts a stream; `noise` is that of its readings.
     ///
     /// # Errors
-    /// Noise of another number of joints, a belief of another number of points.
+    /// Noise of another number of joints; a belief of another number of points.
     pub fn new(mut corrector: Corrector, estimator: E, noise: Noise) -> Result<Self, GapError> {
         let site = corrector.site();
         CoreError::check_len("noise", noise.dim(), site.joints())?;
@@ -51,12 +53,12 @@ impl<E: Estimator<Scalar = f64>> LiveCorrector<E> {
         &self.estimator
     }
 
-    /// The estimator, to reconfigure it.
+    /// The estimator, for reconfiguration.
     pub fn estimator_mut(&mut self) -> &mut E {
         &mut self.estimator
     }
 
-    /// Takes the estimator out.
+    /// Returns the estimator.
     pub fn into_estimator(self) -> E {
         self.estimator
     }
@@ -66,7 +68,7 @@ impl<E: Estimator<Scalar = f64>> LiveCorrector<E> {
         &self.corrector
     }
 
-    /// Contact, columns and the reading less the model's torques.
+    /// Computes contact, columns and the reading minus the model's torques.
     fn observe(&mut self, sample: &Sample, begins: Begins) -> Result<(), GapError> {
         // After a step that failed a touch begins.
         let begins = match begins {

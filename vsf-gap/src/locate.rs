@@ -11,32 +11,35 @@ const REGIONS: usize = 5;
 /// Most octaves of a rate.
 const OCTAVES: usize = 10;
 
-/// The gap in one part of the recording.
+/// The share of the gap in one part of the recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct LocatedShare {
-    /// What part, under the key of its kind.
+    /// The part, under the key of its kind.
     #[serde(flatten)]
     pub of: Place,
-    /// Share of the energy of the gap, 0 to 1. Of a band of frequencies, of that of all that the nominal model
-    /// leaves, noise included; what a touch is too short for, constants among it, is in the band from 0.
+    /// Share of the energy of the gap, 0 to 1.
+    ///
+    /// For a frequency band, it is the share of everything that the nominal model leaves, noise included. What changes too
+    /// slowly for a touch to show, constants included, is in the band from 0.
     pub share: f64,
-    /// Interval of the share, 95 %; without width where there is none (frequencies).
+    /// 95 % interval of the share; of zero width where there is none (frequencies).
     pub interval: [f64; 2],
-    /// RMS residual of the nominal model beyond noise on the checked sequences (N m or N), of frequencies with the
-    /// noise; 0 where none of them is in this part.
+    /// RMS residual of the nominal model beyond the noise on the checked sequences (N m or N).
+    ///
+    /// For frequency bands, the noise is included. 0 if none of the checked sequences is in this part.
     pub excess: f64,
 }
 
-/// The part of a recording.
+/// A part of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Place {
     /// Name of a joint.
     Joint(String),
-    /// A phase of touch.
+    /// A phase of a touch.
     Phase(Phase),
-    /// Name of the link in contact, `None` in free motion; in JSON the latter is `"none"`.
+    /// Name of the link in contact; `None` in free motion, which is `"none"` in JSON.
     Link(#[serde(with = "link_or_none")] Option<String>),
     /// ID of a sequence.
     Sequence(String),
@@ -44,7 +47,7 @@ pub enum Place {
     Frequency([f64; 2]),
 }
 
-/// The link in contact as JSON has it.
+/// Serialization of the link in contact.
 mod link_or_none {
     use serde::{Deserialize, Deserializer, Serializer};
 
@@ -65,11 +68,11 @@ mod link_or_none {
     }
 }
 
-/// The gap at a place.
+/// The share of the gap in a region of space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Region {
-    /// Middle (m, world).
+    /// Center (m, world).
     pub center: [f64; 3],
     /// Radius (m).
     pub radius: f64,
@@ -77,8 +80,10 @@ pub struct Region {
     pub share: f64,
 }
 
-/// Where the gap lies. Where effects are named, shares are those of the torques that they change;
-/// else of the residuals of the nominal model on the checked sequences.
+/// Where the gap lies.
+///
+/// If effects are named, shares are those of the torques that they change; otherwise, those of the residuals of the nominal
+/// model on the checked sequences.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Location {
@@ -90,13 +95,13 @@ pub struct Location {
     pub link: Vec<LocatedShare>,
     /// By sequence.
     pub sequence: Vec<LocatedShare>,
-    /// By place.
+    /// By region of space.
     pub region: Vec<Region>,
-    /// By frequency, of the residuals.
+    /// By frequency, always of the residuals.
     pub frequency: Vec<LocatedShare>,
 }
 
-/// One sample with what it belongs to.
+/// One sample and the parts that it belongs to.
 struct Row {
     sequence: usize,
     phase: Phase,
@@ -104,7 +109,7 @@ struct Row {
     place: Option<Point3<f64>>,
     /// Energy of the gap per joint.
     energy: Vec<f64>,
-    /// Residual of the nominal model squared, less the noise, per joint, of checked sequences.
+    /// Squared residual of the nominal model minus the noise, per joint, on checked sequences.
     excess: Option<Vec<f64>>,
 }
 
@@ -284,7 +289,7 @@ fn regions(rows: &[Row]) -> Vec<Region> {
     found
 }
 
-/// Energy of residuals by octaves, touch by touch: sequences of other rates have octaves of their own.
+/// Energy of residuals by octaves, touch by touch. Sequences with other sample rates have octaves of their own.
 fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
     let d = before.joints;
     let mut bands: Vec<([f64; 2], f64, usize)> = Vec::new();
@@ -330,14 +335,14 @@ fn frequencies(before: &Residuals, motions: &[Motion]) -> Vec<LocatedShare> {
         .collect()
 }
 
-/// Median time between samples (s), if time goes on.
+/// Median time between samples (s), if time increases.
 fn median_step(clock: &[f64]) -> Option<f64> {
     let steps = clock.windows(2).map(|t| t[1] - t[0]);
     median(steps.collect()).filter(|step| *step > 0.0)
 }
 
-/// Energy of the octaves of `d` signals, from that below half the rate on: differences of means over twice as many samples
-/// each time.
+/// Energy of the octaves of `d` signals, downward from half the sample rate: differences of means over twice as many
+/// samples each time.
 fn octaves(rows: &[f64], d: usize) -> Vec<f64> {
     let mut means = rows.to_vec();
     let mut energies = Vec::new();

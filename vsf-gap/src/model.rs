@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use std::sync::Arc;
 use vsf_contact::ContactConfig;
 
-/// Effects with their parameters: a model of the recording.
+/// A model of the recording: effects with their parameters.
 #[derive(Clone, Default)]
 pub struct Model {
     /// The effects in it and their parameters.
@@ -27,32 +27,32 @@ impl Model {
         model
     }
 
-    /// Whether parameters of any of the effects are relative to the contact that they were found in, such as the
-    /// distance from which on points are touched.
+    /// Whether parameters of any effect are relative to the contact that they were found in, such as the distance at which
+    /// points begin to be touched.
     pub fn follows_contact(&self) -> bool {
         self.parts
             .iter()
             .any(|(effect, _)| follows_contact(effect.as_ref()))
     }
 
-    /// The model with the effects of which [`Model::follows_contact`] holds alone, and with the others.
+    /// The model with only the effects for which [`Model::follows_contact`] holds, and the model with the others.
     pub(crate) fn by_contact(&self) -> (Self, Self) {
         self.parted(follows_contact)
     }
 
-    /// The model with some of its effects alone, and with the others.
+    /// The model with some of its effects alone, and the model with the others.
     pub(crate) fn parted(&self, some: impl Fn(&dyn Effect) -> bool) -> (Self, Self) {
         let (some, others) = (self.parts.iter().cloned()).partition(|(e, _)| some(e.as_ref()));
         (Self { parts: some }, Self { parts: others })
     }
 
-    /// The deepest that any of the effects acts.
+    /// The deepest part of the model that any of the effects acts on.
     pub fn acts(&self) -> Acts {
         let acts = self.parts.iter().map(|(effect, _)| effect.acts());
         acts.max().unwrap_or(Acts::Torques)
     }
 
-    /// The model with the effects alone that act on this.
+    /// The model with only the effects that act on `acts`.
     pub(crate) fn acting_on(&self, acts: Acts) -> Self {
         let parts = self.parts.iter().filter(|(e, _)| e.acts() == acts);
         Self {
@@ -60,7 +60,7 @@ impl Model {
         }
     }
 
-    /// Whether another has the very same effects and parameters, in the same order.
+    /// Whether `other` has the same effects with the same parameters, in the same order.
     pub(crate) fn is(&self, other: &Self) -> bool {
         self.parts.len() == other.parts.len()
             && (self.parts.iter().zip(&other.parts)).all(|((a, x), (b, y))| {
@@ -71,10 +71,10 @@ impl Model {
             })
     }
 
-    /// Its effects as one: each changes what those before it left, and object shifts add up.
+    /// Combines its effects into one: each changes what those before it left, and object shifts add up.
     ///
     /// # Errors
-    /// Parameters of another number, not finite, or that an effect cannot take.
+    /// A wrong number of parameters, or parameters that are not finite or that an effect cannot take.
     pub fn compensator(&self, site: &Site) -> Result<Box<dyn Compensator>, GapError> {
         let make = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
             check(effect.name(), theta, effect.parameters(site).len())?;
@@ -91,7 +91,7 @@ impl Model {
     /// How its effects stray from what their parameters say.
     ///
     /// # Errors
-    /// Walks of another number of joints or not finite.
+    /// Walks that are not finite or of another number of joints.
     pub(crate) fn random_walks(&self, site: &Site) -> Result<Vec<RandomWalk>, GapError> {
         let walk = |(effect, theta): &(Arc<dyn Effect>, Vec<f64>)| {
             let walk = effect.random_walk(site, theta)?;
@@ -118,13 +118,12 @@ impl std::fmt::Debug for Model {
     }
 }
 
-/// Effects in order. None does more than it says it [acts](Effect::acts) on: contacts are shared between models by
-/// that.
+/// Effects in order. None does more than it says it [acts](Effect::acts) on, since models share contacts on that ground.
 #[derive(Clone)]
 struct Effects(Vec<(Acts, Box<dyn Compensator>)>);
 
 impl Effects {
-    /// Those that act on this, or deeper.
+    /// The effects that act at this depth or deeper.
     fn on(&mut self, least: Acts) -> impl Iterator<Item = &mut Box<dyn Compensator>> {
         let deep = self.0.iter_mut().filter(move |(acts, _)| *acts >= least);
         deep.map(|(_, c)| c)

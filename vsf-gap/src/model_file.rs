@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vsf_data::{ContactParameters, JsonError, listed, parse_json};
 
-/// Version of the form.
+/// Version of the format.
 const SCHEMA: u32 = 1;
 /// Beyond the bounds of any parameter.
 const MOST_DEVIATION: f64 = 1e16;
@@ -15,9 +15,9 @@ const MOST_DEVIATION: f64 = 1e16;
 /// "learned_from": [..], "made_by": "..",
 /// "effects": [{"effect", "parameters": [{"name", "value", "std", "unit"}]}]}`.
 ///
-/// It names effects and parameters, so that it holds for other recordings with the same robot, which it
-/// knows by the names of its joints; without `joints` it is taken for any. The parameters of single
-/// sequences belong to recordings with sequences of these names.
+/// The file names effects and parameters, so it applies to other recordings with the same robot. It recognizes the robot by
+/// the names of its joints; without `joints` it applies to any robot. Parameters of single sequences apply to recordings
+/// with sequences of these names.
 ///
 /// ```
 /// use vsf_gap::{GapError, ModelFile};
@@ -33,28 +33,28 @@ const MOST_DEVIATION: f64 = 1e16;
 #[serde(deny_unknown_fields, expecting = "an object of a corrected model")]
 pub struct ModelFile {
     schema: u32,
-    /// Names of the robot's joints, in order; none if they are not known.
+    /// Names of the robot's joints, in order; empty if unknown.
     #[serde(default)]
     pub joints: Vec<String>,
-    /// The parameters of contact that it was found with, to which those of its effects are relative; `None` where
-    /// they are not known, and for arms in free air.
+    /// The contact parameters that the model was found with, to which parameters of its effects are relative. `None` if
+    /// unknown, and for arms in free air.
     #[serde(rename = "contact_parameters", default)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactParameters>,
-    /// Name of the recording that it was found in, if known: parameters that each sequence has of its own are of that
-    /// recording alone.
+    /// Name of the recording that the model was found in, if known. Parameters of single sequences belong to that recording
+    /// alone.
     #[serde(rename = "recording_name", default)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<String>,
-    /// IDs of the sequences there that it was fitted to, if known: errors on them are those of a fit.
+    /// IDs of the sequences of that recording that the model was fitted to, if known. Errors on them are in-sample.
     #[serde(default)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub learned_from: Vec<String>,
-    /// The program that wrote it, if any did.
+    /// The program that wrote the file, if any.
     #[serde(default)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub made_by: Option<String>,
-    /// The effects, in the order in which they act; none for the nominal model.
+    /// The effects, in the order in which they act; empty for the nominal model.
     pub effects: Vec<EffectEntry>,
 }
 
@@ -64,17 +64,18 @@ pub struct ModelFile {
 pub struct EffectEntry {
     /// Its name.
     pub effect: String,
-    /// Its parameters, in any order: all shapes, and of the amplitudes at least a set that may act together
-    /// ([`Effect::acting`]); the others are 0.
+    /// Its parameters, in any order: all shapes, and at least one set of amplitudes that may act together
+    /// ([`Effect::acting`]). The other amplitudes are 0.
     pub parameters: Vec<ParameterEstimate>,
 }
 
 impl ModelFile {
-    /// A model at a site, of a contact that is not known. `sd` holds the standard deviations of its parameters,
-    /// effect by effect.
+    /// A model at a site, found in an unknown contact.
+    ///
+    /// `sd` holds the standard deviations of its parameters, effect by effect.
     ///
     /// # Errors
-    /// As [`ModelFile::model`]; deviations of another number than the parameters.
+    /// As [`ModelFile::model`]; a number of deviations other than that of the parameters.
     pub fn new(site: &Site, model: &Model, sd: &[f64]) -> Result<Self, GapError> {
         let mut left = sd.iter();
         let mut effects = Vec::new();
@@ -130,8 +131,8 @@ impl ModelFile {
     /// Reads JSON.
     ///
     /// # Errors
-    /// [`GapError::ModelFile`] for anything but JSON of this form, [`GapError::Data`] for parameters of contact that cannot
-    /// be; what the effects make of it is left to [`ModelFile::model`].
+    /// [`GapError::ModelFile`] for anything but JSON of this form; [`GapError::Data`] for invalid contact parameters. What
+    /// the effects make of the parameters is checked by [`ModelFile::model`].
     pub fn from_json(text: &str) -> Result<Self, GapError> {
         let file: Self = parse_json(text.as_bytes()).map_err(|e: JsonError| {
             let is_report = serde_json::from_str::<Diagnosis>(text).is_ok();
@@ -158,8 +159,9 @@ impl ModelFile {
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 
-    /// [`Model::follows_contact`], of effects out of `effects`; of one that is not among them nothing is known, and it
-    /// may.
+    /// [`Model::follows_contact`], with the effects found in `effects`.
+    ///
+    /// An effect that is not among them is unknown, and counts as following contact.
     pub fn follows_contact(&self, effects: &[Arc<dyn Effect>]) -> bool {
         self.effects.iter().any(|entry| {
             let effect = effects.iter().find(|e| e.name() == entry.effect);
@@ -167,7 +169,7 @@ impl ModelFile {
         })
     }
 
-    /// Names of its effects, out of `effects`, that [go by the reading](Effect::follows_reading).
+    /// Names of its effects that [use the reading](Effect::follows_reading), looked up in `effects`.
     pub fn following_reading(&self, effects: &[Arc<dyn Effect>]) -> Vec<&str> {
         let follows = |name: &&str| {
             let effect = effects.iter().find(|e| e.name() == *name);
@@ -177,13 +179,13 @@ impl ModelFile {
         names.filter(follows).collect()
     }
 
-    /// The model of the file at a site, with effects out of `effects`.
+    /// The model of the file at a site, with its effects looked up in `effects`.
     ///
     /// # Errors
-    /// [`GapError::ModelFile`] for a robot with other joints;
-    /// [`GapError::UnknownEffect`] for an effect that is not among them, [`GapError::Model`] for one
-    /// that is named twice, parameters that are missing, unknown, named twice, of another unit or
-    /// out of bounds, and deviations that are negative or beyond 1e16.
+    /// - [`GapError::ModelFile`] for a robot with other joints.
+    /// - [`GapError::UnknownEffect`] for an effect that is not in `effects`.
+    /// - [`GapError::Model`] for an effect that is named twice, parameters that are missing, unknown, named twice, of
+    ///   another unit or out of bounds, and deviations that are negative or beyond 1e16.
     pub fn model(&self, site: &Site, effects: &[Arc<dyn Effect>]) -> Result<Model, GapError> {
         let there = joints(site);
         if !self.joints.is_empty() && self.joints != there {
@@ -214,8 +216,10 @@ impl ModelFile {
 }
 
 impl Outcome {
-    /// The corrected model as a file: with the recording's name, the sequences that it was fitted to and the contact
-    /// that it was found in. [`ModelFile::made_by`] is left to the program that writes it.
+    /// The corrected model as a file, with the recording's name, the sequences that it was fitted to and the contact that
+    /// it was found in.
+    ///
+    /// [`ModelFile::made_by`] is left to the program that writes the file.
     ///
     /// # Errors
     /// As [`ModelFile::new`].

@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 use std::sync::Arc;
 use vsf_core::{CoreError, Observation};
 
-/// What a model says about one sample, given its contacts.
+/// What a model predicts about one sample, given its contacts.
 #[derive(Debug, Clone)]
 pub struct ModelTerms {
-    /// Springs of the touched points (m, world): the stiffness multiplies them.
+    /// Spring displacements of the touched points (m, world), which the stiffness multiplies.
     pub springs: Vec<Vector3<f64>>,
     /// Gain of the field's torque per joint.
     pub gains: Vec<f64>,
@@ -16,13 +16,14 @@ pub struct ModelTerms {
 }
 
 impl Campaign {
-    /// Runs springs, gains and torques of a model over sequences whose contacts are known, in
-    /// session order: what an effect does to the object lasts from one sequence to the next.
-    /// `visit` is given the sequence's index, the row, what was touched and the terms. Torques are
-    /// relative to their mean over the samples of the tare, as the readings are.
+    /// Computes springs, gains and torques of a model over sequences whose contacts are known.
+    ///
+    /// Sequences are in session order, since what an effect does to the object persists from one sequence to the next.
+    /// `visit` receives the index of the sequence, the row, the touch and the terms. Torques are relative to their mean
+    /// over the tare samples, as the readings are.
     ///
     /// # Errors
-    /// Parameters that an effect cannot take, contacts that are not of the sequences, effects whose springs, gains or
+    /// Parameters that an effect cannot take; contacts that do not belong to the sequences; effects whose springs, gains or
     /// torques are not finite.
     pub fn predict(
         &self,
@@ -87,7 +88,7 @@ fn add(to: &mut [f64], x: &[f64], times: f64) {
 }
 
 impl ModelTerms {
-    /// Of nothing yet, for a robot with this many joints.
+    /// Empty terms for a robot with this many joints.
     pub(crate) fn new(joints: usize) -> Self {
         Self {
             springs: Vec::new(),
@@ -109,10 +110,10 @@ impl ModelTerms {
         })
     }
 
-    /// Asks the effects.
+    /// Computes the terms from the effects.
     ///
     /// # Errors
-    /// What they answer is not finite.
+    /// Terms that are not finite.
     pub(crate) fn step(
         &mut self,
         effects: &mut dyn Compensator,
@@ -133,10 +134,11 @@ impl ModelTerms {
             .try_for_each(|s| CoreError::check_finite("springs of the model", s.as_slice()))
     }
 
-    /// The column `-G J(q, p + u)^T s` of contact `k`, written to `out`, a number per joint (m², or m of joints that slide).
+    /// Writes the column `-G J(q, p + u)^T s` of contact `k` to `out`, one number per joint (m², or m for prismatic
+    /// joints).
     ///
     /// # Panics
-    /// If there is no such contact, it is none of the rest points, or `out` is too short.
+    /// If there is no such contact, if its point is not among the rest points, or if `out` is too short.
     pub fn column(&self, touch: &Touch<'_>, k: usize, out: &mut [f64]) {
         let contacts = touch.contacts;
         let point = contacts.points()[k] as usize;
@@ -148,10 +150,11 @@ impl ModelTerms {
         out.iter_mut().zip(&self.gains).for_each(|(w, g)| *w *= g);
     }
 
-    /// The torques `G W K + a` of a stiffness per rest point, written to `out`.
+    /// Writes the torques `G W K + a` for a stiffness per rest point to `out`.
     ///
     /// # Panics
-    /// If a touched point is none of the rest points or has no stiffness, or `out` is shorter than one torque per joint.
+    /// If a touched point is not among the rest points or has no stiffness, or if `out` is shorter than one torque per
+    /// joint.
     pub fn apply(&self, touch: &Touch<'_>, stiffness: &[f64], out: &mut [f64]) {
         let contacts = touch.contacts;
         let none = Vector3::zeros();

@@ -5,39 +5,38 @@ use vsf_core::CoreError;
 use vsf_data::{Sequence, Table, TorqueKind};
 use vsf_pipeline::{Scene, derivatives_of, external_torques, rigid_body_torques, unwound};
 
-/// Half the window (samples) of [`Motion::smooth`]: halves white noise, hardly blunts an onset.
+/// Half the window (samples) of [`Motion::smooth`]. It halves white noise and hardly blunts an onset.
 pub(crate) const HALF_MEAN: usize = 2;
 
-/// One sequence with all that effects may depend on.
+/// One sequence, with everything that effects may depend on.
 #[derive(Debug, Clone)]
 pub struct Motion {
     /// ID of the sequence.
     pub id: String,
-    /// Time since the session began (s). Sequences whose time stamps start anew are laid one
-    /// behind the other.
+    /// Time since the session began (s). Sequences whose time stamps start anew are placed one after the other.
     pub clock: Vec<f64>,
-    /// Joint positions (rad or m), one row per sample; continuous joints turn on beyond a turn.
+    /// Joint positions (rad or m), one row per sample. Continuous joints are unwrapped.
     pub q: Table,
     /// Joint velocities (rad/s or m/s).
     pub qd: Table,
     /// Joint accelerations (rad/s² or m/s²).
     pub qdd: Table,
-    /// Readings as load of the environment on the joints (N m or N); of `measured` readings the
-    /// rigid-body torques less the reading.
+    /// Readings as load of the environment on the joints (N m or N). For `measured` readings, the rigid-body torques minus
+    /// the reading.
     pub reading: Table,
-    /// Readings averaged over a few samples around, for effects that move the links or the
-    /// object by them: noise of the posture would be noise of every contact.
+    /// Readings averaged over a few neighboring samples, for effects that move the links or the object by them. Otherwise
+    /// noise of the reading would become noise of every contact.
     pub smooth: Table,
     /// Load of the gears (N m or N); see [`crate::Sample::load`].
     pub load: Table,
-    /// Samples of each touch.
+    /// Rows of each touch.
     pub touches: Vec<Range<usize>>,
-    /// Samples at the start to whose mean the readings are relative; 0 if they are not.
+    /// Number of samples at the start whose mean was subtracted from the readings; 0 if none was.
     pub tare: usize,
 }
 
 impl Motion {
-    /// Of a recorded sequence; `origin` is the time stamp at which the session's clock is zero.
+    /// A recorded sequence; `origin` is the time stamp at which the session's clock is zero.
     ///
     /// # Errors
     /// Torques or motions that cannot be read.
@@ -70,13 +69,13 @@ impl Motion {
         self.clock.len()
     }
 
-    /// True without samples.
+    /// True if there are no samples.
     pub fn is_empty(&self) -> bool {
         self.clock.is_empty()
     }
 
-    /// Checks that it is one of `joints` joints: every table with a row of finite numbers for each sample, the
-    /// touches one behind the other over all samples, each forward in time.
+    /// Checks consistency with a robot of `joints` joints: every table has a row of finite numbers for each sample, and the
+    /// touches cover all samples one after the other, each with increasing time.
     pub(crate) fn check(&self, joints: usize) -> Result<(), GapError> {
         let n = self.len();
         for table in [
@@ -108,7 +107,7 @@ impl Motion {
         }
     }
 
-    /// A sample of a touch that began at row `first`.
+    /// The sample at `row` of a touch that began at row `first`.
     ///
     /// # Panics
     /// If there is no such row.
@@ -130,8 +129,8 @@ impl Motion {
         }
     }
 
-    /// The mean of every `by` samples, none across two touches or the end of the tare. Blocks of the tare are as long as
-    /// each other, to a sample: its mean is that of theirs.
+    /// Averages every `by` samples, never across two touches or the end of the tare. Blocks of the tare have the same
+    /// length, to a sample, so the mean of the tare is the mean of its blocks.
     pub(crate) fn thinned(&self, by: usize) -> Result<Self, GapError> {
         let (mut blocks, mut touches, mut tare) = (Vec::new(), Vec::new(), 0);
         for touch in &self.touches {
@@ -180,7 +179,7 @@ impl Motion {
         self.with_rows(self.clock[rows.clone()].to_vec(), touches, tare, cut)
     }
 
-    /// The same sequence with other rows, which `rows` makes of those of every table.
+    /// The same sequence with other rows, which `rows` computes from those of every table.
     fn with_rows(
         &self,
         clock: Vec<f64>,
@@ -207,7 +206,7 @@ impl Motion {
         self.clock.first().copied().unwrap_or(0.0)
     }
 
-    /// Whether it is the same part of the same sequence.
+    /// Whether `other` is the same part of the same sequence.
     pub(crate) fn is(&self, other: &Self) -> bool {
         self.id == other.id && self.begin() == other.begin()
     }

@@ -5,7 +5,7 @@ use crate::{Effect, Probe};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// From this probability on that nothing acts, a cause that is named is still to be shown.
+/// If nothing acts with at least this probability, a named cause is still to be shown.
 const DOUBTFUL: f64 = 0.05;
 
 /// What to record next.
@@ -14,12 +14,12 @@ const DOUBTFUL: f64 = 0.05;
 pub struct NextExperiment {
     /// What to do.
     pub action: String,
-    /// What it would tell.
+    /// Why: what it would resolve.
     pub why: String,
 }
 
-/// The experiment that tells most of the surviving candidates apart, weighed by their
-/// probabilities, of those that the arm can do.
+/// The experiment, among those that the arm can do, that best separates the surviving candidates, weighted by their
+/// probabilities.
 pub(crate) fn next_experiment(
     answer: &Answer,
     reports: &[EffectReport],

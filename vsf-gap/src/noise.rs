@@ -2,18 +2,18 @@ use crate::{ContactLog, Motion};
 use std::sync::Arc;
 use vsf_core::median;
 
-/// Noise of one joint's reading: first-order autoregressive.
+/// Noise of one joint's reading, a first-order autoregressive process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct JointNoise {
     /// Standard deviation of a sample (N m or N).
     pub sd: f64,
-    /// Correlation of one sample with the next, 0 to 0.95.
+    /// Correlation of consecutive samples, 0 to 0.95.
     pub correlation: f64,
 }
 
 impl JointNoise {
-    /// Noise of means of `m` samples in a row, each the next to the one before; 0 is taken as 1.
+    /// Noise of means over `m` consecutive samples, each mean beginning where the last one ended; 0 counts as 1.
     pub fn of_means(&self, m: usize) -> Self {
         let (m, c) = (m.max(1) as f64, self.correlation);
         let faded = (1.0 - c.powf(m)) / (1.0 - c);
@@ -24,7 +24,8 @@ impl JointNoise {
         }
     }
 
-    /// Covariance of the mean of `a` samples in a row with that of `b` that begin `gap` samples after these end.
+    /// Covariance of the mean of `a` consecutive samples with that of `b` that begin `gap` samples after the end of the
+    /// first.
     pub(crate) fn covariance_of_means(&self, a: usize, b: usize, gap: usize) -> f64 {
         let c = self.correlation;
         let mean_fade = |m: usize| (1.0 - c.powf(m as f64)) / (1.0 - c) / m as f64;
@@ -32,39 +33,42 @@ impl JointNoise {
     }
 }
 
-/// Pairs of second differences of free motion that speak for the noise on their own, and that are asked at all.
+/// Pairs of second differences of free motion from which noise is estimated from them alone, and from which they are used
+/// at all.
 const FEWEST: usize = 150;
 const SOME: usize = 24;
 /// Samples whose mean compares one noise with another, as smoother noise is worse in means, and how many times as large
 /// that of contact is where the air alone is believed: its correlation, from few samples, is often too small.
 const A_FEW: usize = 5;
 const CLEARLY: f64 = 2.0;
-/// Differences beyond so many times their median are steps of the signal, not noise; unless they are more than this
-/// share, as in readings that are quantized, and in contact that changes all the time.
+/// Differences beyond this many times their median are steps of the signal, not noise; unless they are more than this
+/// share, as in quantized readings and in contact that changes all the time.
 const STEP: f64 = 5.0;
 const FEW: f64 = 0.1;
-/// The largest correlation that is told from a signal.
+/// The largest correlation that can be told from a signal.
 pub(crate) const SMOOTHEST: f64 = 0.95;
 
-/// Orders of the differences that noise is read from. Those of a higher order leave out more of what is
-/// smooth, and tell less of noise that is smooth itself. All even.
+/// Orders of the differences that noise is estimated from, all even. Higher orders suppress more of a smooth signal, and
+/// show less of noise that is smooth itself.
 const ORDERS: [usize; 3] = [2, 4, 6];
-/// Noise below this share of what second differences take for it is none.
+/// Noise below this share of the estimate from second differences counts as none.
 const FILTERED: f64 = 0.01;
 
 /// Noise of the readings of every joint.
 pub(crate) struct NoiseFloor {
     pub(crate) joints: Vec<JointNoise>,
-    /// Whether that of a joint was read without the air, so that changes of contact from one sample to the next count as
-    /// noise.
+    /// Whether the noise of a joint was estimated without free motion, so that contact changes from one sample to the next
+    /// count as noise.
     pub(crate) is_bound: bool,
 }
 
 impl NoiseFloor {
-    /// From differences of neighboring samples: in free motion where there is enough of it, else of all samples, of which
-    /// some free motion tells how large differences of noise are. Differences leave out what is smooth, whatever
-    /// its cause. Second ones do, as a rule; where what they leave is smoother than noise, such as a hum or friction that
-    /// turns over again and again, those of a higher order are taken.
+    /// Estimates noise from differences of neighboring samples.
+    ///
+    /// Free motion is used if there is enough of it; otherwise all samples, with some free motion telling how large
+    /// differences of noise are. Differences remove what is smooth, whatever its cause. Usually second differences do. If
+    /// their remainder is smoother than noise, as with a hum or with friction that reverses again and again, higher orders
+    /// are used.
     pub(crate) fn of(motions: &[&Motion], logs: &[Arc<ContactLog>], joints: usize) -> Self {
         let source = |source| Differences {
             motions,
@@ -111,12 +115,12 @@ impl NoiseFloor {
     }
 }
 
-/// Where noise is read from.
+/// Where noise is estimated from.
 #[derive(Clone, Copy, PartialEq)]
 enum Source {
     Free,
     Touches,
-    /// Across touches, where these are short.
+    /// Across touches, if these are short.
     Sequences,
 }
 
@@ -134,7 +138,7 @@ impl Differences<'_> {
         self.runs(ORDERS[0] + 2).len()
     }
 
-    /// Those of joint `j`, each with the one before.
+    /// Differences for joint `j`, each paired with the previous one.
     fn pairs(&self, j: usize, order: usize) -> Vec<(f64, f64)> {
         let weights = binomials(order);
         let difference = |s: usize, row: usize| -> f64 {
@@ -145,7 +149,7 @@ impl Differences<'_> {
         self.runs(order + 2).into_iter().map(pair).collect()
     }
 
-    /// Sequence and last row of all samples in a row, so many.
+    /// Sequence and last row of every run of `length` consecutive samples.
     fn runs(&self, length: usize) -> Vec<(usize, usize)> {
         let is_free = |s: usize, row: usize| {
             (row + 1 - length..=row).all(|r| self.logs[s].contacts[r].is_empty())
@@ -178,9 +182,9 @@ fn binomials(order: usize) -> Vec<f64> {
     (0..=order).map(weight).collect()
 }
 
-/// From the moments of differences, by their order: the lowest one whose correlation is one of
-/// AR(1) noise. Without one, or where next to nothing is left, noise itself is smooth, as in readings that were
-/// filtered: then second differences bound it.
+/// Estimates noise from the moments of differences, by their order: the lowest order is used whose correlation is one of
+/// AR(1) noise. If there is none, or next to nothing is left, the noise itself is smooth, as in filtered readings; then
+/// second differences bound it.
 fn joint_noise(moments: impl Fn(usize) -> Moments) -> JointNoise {
     // Their correlation, known from `n` pairs to within about `1 / sqrt(n)`, is to lie below that of the smoothest
     // noise by `margins` of these.
@@ -210,11 +214,11 @@ fn joint_noise(moments: impl Fn(usize) -> Moments) -> JointNoise {
     others.find(is_noise).unwrap_or(bound)
 }
 
-/// Variance of differences and covariance of two in a row.
+/// Variance of differences, and covariance of consecutive ones.
 struct Moments {
     variance: f64,
     covariance: f64,
-    /// From so many.
+    /// Number of pairs.
     pairs: usize,
 }
 
@@ -223,7 +227,7 @@ fn median_size(pairs: &[(f64, f64)]) -> f64 {
     median(pairs.iter().map(|(a, _)| a.abs()).collect()).unwrap_or(0.0)
 }
 
-/// Moments without steps of the signal: what lies beyond `steps_from`, if that is known.
+/// Moments without steps of the signal, which lie beyond `steps_from` if that is known.
 fn moments(pairs: &[(f64, f64)], steps_from: Option<f64>) -> Moments {
     let limit = steps_from.unwrap_or_else(|| {
         let limit = STEP * median_size(pairs);
@@ -244,7 +248,7 @@ fn moments(pairs: &[(f64, f64)], steps_from: Option<f64>) -> Moments {
     }
 }
 
-/// The same of AR(1) noise of variance 1 and this correlation.
+/// The same moments for AR(1) noise of variance 1 and this correlation.
 fn unit_moments(order: usize, correlation: f64) -> (f64, f64) {
     let weights = binomials(2 * order);
     // What a difference and its shifted self have in common are, for even orders, the weights of twice the
@@ -259,7 +263,7 @@ fn unit_moments(order: usize, correlation: f64) -> (f64, f64) {
     (moment(0), moment(1))
 }
 
-/// The correlation of AR(1) noise of which differences in a row have the correlation `r`, which grows with it;
+/// The correlation of AR(1) noise whose consecutive differences have the correlation `r`, with which it grows.
 /// [`SMOOTHEST`] unless `r` is below that of such noise by `margin`.
 fn correlation(order: usize, r: f64, margin: f64) -> f64 {
     let of = |c: f64| {

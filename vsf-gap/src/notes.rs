@@ -1,4 +1,4 @@
-//! What a reader of a diagnosis should know, in sentences.
+//! Notes for the reader of a diagnosis, in sentences.
 
 use crate::closure::noise_norm;
 use crate::effect::Need;
@@ -12,15 +12,15 @@ use crate::verdict::{Answer, VerdictKind};
 use crate::{Campaign, GapError, Model, Motion, Parameter};
 use vsf_pipeline::reading_unit;
 
-/// In free air, an error that is left of so many times that of a perfect model is told of.
+/// In free air, a remaining error of this many times that of a perfect model is noted.
 const MUCH: f64 = 1.5;
-/// An error below this share of the noise shows that noise was taken for larger than it is.
+/// An error below this share of the noise shows that the noise was overestimated.
 const BELOW: f64 = 0.7;
 
-/// From this probability on, effects that cannot show are told of.
+/// Effects that cannot show are noted from this probability on.
 const TOLD: f64 = 0.05;
 
-/// That an effect with one stiffness everywhere explains a share of what the field does.
+/// Note that an effect with one stiffness everywhere explains a share of what the field does.
 pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
     let value = |(p, v): (Parameter, &f64)| {
         let number = number(*v);
@@ -45,7 +45,7 @@ pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
     )
 }
 
-/// A number in a sentence, to three digits at least.
+/// A number for a sentence, to at least three digits.
 pub(crate) fn number(v: f64) -> String {
     match v.abs() {
         size if size == 0.0 || (1.0..1e4).contains(&size) => format!("{v:.3}"),
@@ -54,12 +54,12 @@ pub(crate) fn number(v: f64) -> String {
     }
 }
 
-/// A length (m) in a sentence about contact.
+/// A length (m) for a sentence about contact.
 pub(crate) fn mm(length: f64) -> String {
     format!("{:.3} mm", 1e3 * length)
 }
 
-/// In which contact errors are told of, where it is another than that in which effects are looked for.
+/// Note on the contact of the reported errors, if it is not the one in which effects are looked for.
 fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
     let own = campaign.scene().contact().threshold;
     let [before, after] = told.thresholds.filter(|told| *told != [own; 2])?;
@@ -76,7 +76,7 @@ fn contact(campaign: &Campaign, told: &Compared) -> Option<String> {
     ))
 }
 
-/// What the search and the trial left to say.
+/// Notes on the search and the trial.
 pub(crate) fn of_search(
     campaign: &Campaign,
     trial: &Trial<'_>,
@@ -195,14 +195,14 @@ pub(crate) fn of_search(
     notes
 }
 
-/// That springs have no part in it.
+/// Note that springs have no part in the answer.
 pub(crate) fn nothing_touched() -> String {
     "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or points \
      are off, or in other units; if it did not, leave the points out"
         .to_owned()
 }
 
-/// That what effects leave to the springs is opposite to what these give.
+/// Note that what effects leave to the springs is opposite to spring torques.
 pub(crate) fn opposite(effects: &[String], likeness: f64) -> String {
     format!(
         "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
@@ -211,7 +211,7 @@ pub(crate) fn opposite(effects: &[String], likeness: f64) -> String {
     )
 }
 
-/// That effects have no parameter that the readings determine.
+/// Note that effects have no parameter that the readings determine.
 pub(crate) fn nothing_said_of(effects: &[String]) -> String {
     format!(
         "the readings say nothing of any parameter of {}, so that it may stand for something else",
@@ -219,7 +219,7 @@ pub(crate) fn nothing_said_of(effects: &[String]) -> String {
     )
 }
 
-/// That the corrected model hardly does better than sensors that read nothing, with their error.
+/// Note that the corrected model does hardly better than sensors that read zero; `silence` is their error.
 pub(crate) fn as_good_as_silence(campaign: &Campaign, silence: f64) -> String {
     format!(
         "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \
@@ -228,8 +228,8 @@ pub(crate) fn as_good_as_silence(campaign: &Campaign, silence: f64) -> String {
     )
 }
 
-/// That a few rows hold much of what a model leaves: with contact of the train sequences, since others touch what its field
-/// does not know.
+/// Note that a few rows hold much of what a model leaves. With contact, only the train sequences are considered, since
+/// others touch what the field does not know.
 ///
 /// # Errors
 /// Rows that contact cannot take.
@@ -271,7 +271,7 @@ pub(crate) fn few_rows(
     )))
 }
 
-/// That a corrected model holds no known cause, where the verdict names none.
+/// Note that a corrected model holds no known cause, if the verdict names none.
 pub(crate) fn closest(kind: VerdictKind, model: &Model) -> Option<String> {
     let names: Vec<&str> = model.parts.iter().map(|(e, _)| e.name()).collect();
     (kind != VerdictKind::Effects && !names.is_empty()).then(|| {
@@ -282,7 +282,7 @@ pub(crate) fn closest(kind: VerdictKind, model: &Model) -> Option<String> {
     })
 }
 
-/// That shares by which joints scale the torques of the field are relative.
+/// Note that shares by which joints scale the torques of the field are relative.
 fn relative(campaign: &Campaign, named: &Refined) -> Option<String> {
     let reference = named.reference?;
     let p = &named.prior.parameters[reference.share];
@@ -299,7 +299,7 @@ fn relative(campaign: &Campaign, named: &Refined) -> Option<String> {
     ))
 }
 
-/// That readings are rounded, and how coarsely.
+/// Note that readings are rounded, and how coarsely.
 fn rounded(campaign: &Campaign) -> Option<String> {
     let rounded = &campaign.rounded;
     let coarsest = rounded.iter().map(|(_, r)| r.step).fold(0.0, f64::max);
@@ -318,7 +318,7 @@ fn rounded(campaign: &Campaign) -> Option<String> {
     })
 }
 
-/// That more acts than what is named, where the error that is left is far from the noise.
+/// Note that more acts than what is named, if the remaining error is far above the noise.
 fn incomplete(noise: f64, error: f64) -> Option<String> {
     let times = error / noise.max(f64::MIN_POSITIVE);
     (times > MUCH).then(|| {
@@ -330,7 +330,7 @@ fn incomplete(noise: f64, error: f64) -> Option<String> {
     })
 }
 
-/// That noise is taken for more than the error that is left (in `unit` both), where it is.
+/// Note that the noise is estimated to be larger than the remaining error (both in `unit`), if it is.
 fn overstated(noise: f64, error: f64, unit: &str) -> Option<String> {
     (error < BELOW * noise).then(|| {
         format!(

@@ -7,33 +7,33 @@ use vsf_pipeline::Scene;
 use vsf_pipeline::live::Tare;
 use vsf_robots::{DynamicsWorkspace, RobotModel};
 
-/// What the joint sensors of a robot say at one moment of a control loop.
+/// Readings of a robot's joint sensors at one moment of a control loop.
 #[derive(Debug, Clone, Copy)]
 pub struct JointState<'a> {
-    /// Time since the session began (s), later than that of the state before it in the same touch.
+    /// Time since the session began (s), later than that of the previous state in the same touch.
     pub clock: f64,
-    /// Joint positions (rad or m); continuous joints turn on beyond a turn.
+    /// Joint positions (rad or m); continuous joints are unwrapped.
     pub q: &'a [f64],
     /// Joint velocities (rad/s or m/s).
     pub qd: &'a [f64],
     /// Joint accelerations (rad/s² or m/s²).
     pub qdd: &'a [f64],
-    /// Torques as the sensors give them (N m or N), of the kind of [`Site::torque_kind`]; not tared, see
-    /// [`Corrector::tare`].
+    /// Torques as the sensors give them (N m or N), of the kind [`Site::torque_kind`]. Not tared, see [`Corrector::tare`].
     pub torques: &'a [f64],
 }
 
-/// A corrected model in a control loop: contact, columns and torques, state by state. After
-/// warm-up a step allocates nothing.
+/// A corrected model in a control loop: contact, columns and torques, state by state. After warm-up, a step allocates
+/// nothing.
 ///
-/// Fed with the states of a recording it gives the observations of
-/// [`Campaign::corrected`](crate::Campaign::corrected), which any
-/// [`Estimator`](vsf_core::Estimator) takes; of a recording that is tared, after [`Corrector::tare`]. For effects that go by
-/// the reading ([`Sample::reading`]) a recording averages it over the samples around, a loop over those that it has had.
+/// From the states of a recording, it computes the observations of [`Campaign::corrected`](crate::Campaign::corrected),
+/// which any [`Estimator`](vsf_core::Estimator) takes. For a tared recording, call [`Corrector::tare`]. One difference
+/// remains for effects that depend on the reading ([`Sample::reading`]): a recording averages it over the samples around, a
+/// loop over the latest ones.
 ///
-/// A clone goes on by itself, with the memory of effects and contact: to look ahead, clone it and step the planned states.
+/// A clone continues on its own, with the memory of effects and contact. To look ahead, clone it and step the planned
+/// states.
 ///
-/// In place of a [`Session`](vsf_core::Session), whose contact knows no effects, it stands before the estimator:
+/// It stands in front of the estimator in place of a [`Session`](vsf_core::Session), whose contact knows no effects:
 ///
 /// ```no_run
 /// # use vsf_core::{Estimator, Noise, Observation};
@@ -69,18 +69,19 @@ pub struct Corrector {
     contacts: Contacts,
     terms: ModelTerms,
     workspace: DynamicsWorkspace,
-    /// Clock of the last state of the touch.
+    /// Clock of the last state in this touch.
     clock: Option<f64>,
     /// Load of the gears.
     load: Vec<f64>,
-    /// Reading as load of the environment, not tared; those of the last states of the touch, oldest first; their mean, tared.
+    /// Three vectors: the reading as load of the environment, not tared; the readings of the latest states of the touch,
+    /// oldest first; and their mean, tared.
     felt: Vec<f64>,
     recent: Vec<f64>,
     smooth: Vec<f64>,
     readings: Tare,
     torques: Tare,
     zero: Vec<f64>,
-    /// Torques of the model, tared, and the reading less them.
+    /// Torques of the model, tared, and the reading minus them.
     modeled: Vec<f64>,
     left: Vec<f64>,
 }
@@ -113,8 +114,10 @@ fn check_scene(site: &Site, scene: &Scene) -> Result<(), GapError> {
 }
 
 impl Corrector {
-    /// A model at a site, with the scene of its contacts: both of one campaign. Whether parameters are plausible is not asked;
-    /// [`ModelFile`](crate::ModelFile) does, of models that it reads.
+    /// A model at a site, with the scene of its contacts; both belong to one campaign.
+    ///
+    /// Whether the parameters are plausible is not checked; [`ModelFile`](crate::ModelFile) does that for models that it
+    /// reads.
     ///
     /// # Errors
     /// [`GapError::OtherScene`]; parameters that an effect or contact cannot take.
@@ -154,24 +157,25 @@ impl Corrector {
         &self.contacts
     }
 
-    /// What the last step moved: [`SceneContact::moved`](vsf_pipeline::SceneContact::moved).
+    /// What was moved in the last step: [`SceneContact::moved`](vsf_pipeline::SceneContact::moved).
     pub fn moved(&self) -> &Contacts {
         self.driver.moved(&self.contacts)
     }
 
-    /// What is taken off the reading of each joint, as load of the environment (N m or N): its mean over the states that
-    /// tared it, less that of the model's torques.
+    /// Zero offset that is subtracted from the reading of each joint, as load of the environment (N m or N).
+    ///
+    /// It is the mean of the reading over the states of the tare, minus that of the model's torques.
     pub fn zero(&self) -> &[f64] {
         &self.zero
     }
 
-    /// How far each link may displace what it moves where a touch begins (m):
+    /// How far each link may displace points at the start of a touch (m):
     /// [`SceneContact::deepest_starts`](vsf_pipeline::SceneContact::deepest_starts).
     pub fn deepest_starts(&self) -> &[f64] {
         &self.deepest_starts
     }
 
-    /// A sequence begins, with its first touch; nothing is tared.
+    /// Begins a sequence with its first touch; the tare is cleared.
     pub fn begin_sequence(&mut self, id: &str) {
         self.effects.begin_sequence(id);
         self.readings.begin();
@@ -180,12 +184,12 @@ impl Corrector {
         self.begin_touch();
     }
 
-    /// Tares: from here on, readings and torques of the model are relative to their means over the steps since the sequence
-    /// began. A recording with `tare_samples` is tared after so many.
+    /// Tares: from now on, readings and model torques are relative to their means over the steps since the sequence began.
+    /// For a recording with `tare_samples`, call it after that many steps.
     ///
-    /// It alone tares: [`JointState::torques`] go on as the sensors give them. Where sensors are set to zero by
-    /// themselves, do that before the sequence begins, take some steps while the robot stays as it is, and tare here, too:
-    /// what is zero already stays, and the model's torques follow.
+    /// Do not tare the input: [`JointState::torques`] stay as the sensors give them. If the sensors zero themselves, do
+    /// that before the sequence begins, take some steps while the robot stays as it is, and tare here as well. What is zero
+    /// already stays zero, and the model's torques follow.
     pub fn tare(&mut self) {
         self.readings.take();
         self.torques.take();
@@ -194,7 +198,7 @@ impl Corrector {
         pairs.for_each(|(zero, model)| *zero -= model);
     }
 
-    /// A touch begins after motion that was not seen; its clock may be any.
+    /// Begins a touch after unobserved motion. Its clock may have any value.
     pub fn begin_touch(&mut self) {
         self.driver.reset();
         self.effects.begin_touch();
@@ -202,14 +206,17 @@ impl Corrector {
         self.recent.clear();
     }
 
-    /// One state: writes the columns `G W` and the reading less the model's torques to `obs`, and
-    /// returns those torques (N m or N). The reading is the load of the environment on the joints: of `external` torques
-    /// these themselves, of `measured` ones what the rigid body needs less these.
+    /// Processes one state: writes the columns `G W` and the reading minus the model's torques to `obs`, and returns those
+    /// torques (N m or N).
+    ///
+    /// The reading is the load of the environment on the joints: `external` torques themselves, or the torque that the
+    /// rigid body needs minus `measured` ones.
     ///
     /// # Errors
-    /// Numbers that are not finite or not one per joint, [`GapError::TimeBackwards`] for a clock that does not go on within a
-    /// touch: all is then as before. Effects whose answers are not finite, a row that robot or contact cannot take: the
-    /// observation is then empty or as before; begin a touch to go on.
+    /// - Numbers that are not finite or not one per joint; [`GapError::TimeBackwards`] for a clock that does not increase
+    ///   within a touch. Nothing has changed then.
+    /// - Effects whose results are not finite; a row that robot or contact cannot take. The observation is then empty or
+    ///   unchanged; begin a touch to continue.
     pub fn step(
         &mut self,
         state: &JointState<'_>,
@@ -266,7 +273,7 @@ impl Corrector {
         Ok(&self.modeled)
     }
 
-    /// Checks a state, and returns the time since the one before it in the touch (s), 0 at the first.
+    /// Checks a state. Returns the time since the previous state in the touch (s), 0 at the first.
     fn check(&self, state: &JointState<'_>) -> Result<f64, GapError> {
         let rows = [
             ("positions of the joint state", state.q),
@@ -287,7 +294,7 @@ impl Corrector {
         }
     }
 
-    /// Load of the gears, and the reading as it is and smooth.
+    /// Computes the load of the gears, and the reading, raw and smoothed.
     fn read(&mut self, state: &JointState<'_>) -> Result<(), GapError> {
         match self.site.torque_kind {
             TorqueKind::External => {

@@ -1,19 +1,22 @@
-//! Oscillations in what a model leaves, such as a hum of drives: differences of samples take fast ones for noise, and
-//! means of samples leave nothing of them. Samples that lie one period apart are alike, and so are those two periods apart;
-//! those of noise, or of a motion that is repeated, are not.
+//! Oscillations in what a model leaves, such as a hum of drives.
+//!
+//! Differences of samples take fast oscillations for noise, and means of samples average them out. Samples one period apart
+//! are alike, and so are those two periods apart. Samples of noise, or of a motion that is repeated, are not.
 
-/// An oscillation makes this part of the energy at least.
+/// Smallest share of the energy that an oscillation makes up.
 const LEAST: f64 = 0.3;
-/// Fewest pairs of samples of which a correlation is told.
+/// Fewest pairs of samples for a correlation.
 const FEWEST: usize = 100;
-/// Longest period, in samples and as a part of the longest run.
+/// Longest period, in samples and as a share of the longest run.
 const LONGEST: usize = 200;
 const PART: usize = 3;
-/// How many times as far as samples are first opposite to each other a period ends, at most.
+/// The period is at most this many times the lag at which samples are first opposite to each other.
 const PERIOD: usize = 4;
 
-/// RMS over samples (N m or N) of the oscillation in runs of samples, each a row of residuals of joints with noise of
-/// these deviations; 0 without one. The mean of a run is no part of it. Time: samples times the length of the period.
+/// RMS over samples (N m or N) of the oscillation in runs of samples; 0 if there is none.
+///
+/// Each run consists of rows of joint residuals with noise of these deviations. The mean of a run does not count. Time: the
+/// number of samples times the length of the period.
 pub(crate) fn oscillation(runs: &[&[f64]], noise: &[f64]) -> f64 {
     let joints = noise.len();
     let runs: Vec<Vec<f64>> = runs.iter().map(|run| centered(run, joints)).collect();

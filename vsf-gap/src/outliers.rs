@@ -1,36 +1,37 @@
-//! Few rows that hold much of what a model leaves: a fault of the recording, more likely than an effect.
+//! A few rows that hold much of what a model leaves: more likely a fault of the recording than an effect.
 
 use crate::JointNoise;
 use crate::closure::Residuals;
 use std::ops::Range;
 
-/// Rows of a run, and the share of the squared errors from which on it holds much: at least this, and so many times what is
-/// its share of the rows.
+/// Most rows of a run, and the share of the squared errors from which on it holds much: at least this, and at least this
+/// many times its share of the rows.
 const ROWS: usize = 10;
 const MUCH: f64 = 0.1;
 const TIMES: f64 = 10.0;
-/// As many rows before it and after it hold less than this share of what it holds: what acts for longer is no fault.
+/// The same number of rows before and after the run holds less than this share of what the run holds. What acts for longer
+/// is no fault.
 const ALONE: f64 = 0.2;
-/// Noise below this share of the errors is none.
+/// Noise below this share of the errors counts as none.
 const SMALL: f64 = 1e-3;
 
 /// A run of rows that holds much of the squared errors, in units of noise.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Outlier {
-    /// Place of the sequence.
+    /// Index of the sequence.
     pub(crate) sequence: usize,
-    /// From the first to the last row that is far off.
+    /// From the first to the last row with a large error.
     pub(crate) rows: Range<usize>,
-    /// The joint that is furthest off there.
+    /// The joint with the largest error there.
     pub(crate) joint: usize,
-    /// The share that these rows hold.
+    /// The share of the squared errors that these rows hold.
     pub(crate) share: f64,
-    /// The largest error of that joint there (N m or N), without sign, and its root mean square in all other rows.
+    /// The largest absolute error of that joint there (N m or N), and its root mean square in all other rows.
     pub(crate) error: f64,
     pub(crate) elsewhere: f64,
 }
 
-/// The run that holds most, if that is much.
+/// The run that holds most of the squared errors, if that is much.
 pub(crate) fn outlier(residuals: &Residuals, noise: &[JointNoise]) -> Option<Outlier> {
     let d = residuals.joints.max(1);
     let of_joint = |j: usize| {

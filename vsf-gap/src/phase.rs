@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use vsf_robots::jacobian;
 
-/// What the robot does at a sample, found from contacts and motion alone.
+/// What the robot does at a sample, determined from contacts and motion alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -42,13 +42,14 @@ impl Phase {
     }
 }
 
-/// A robot slower than the second share of its speed in motion (90th percentile) may hold still. It does up to so many
-/// times the median of such speeds, which is 0 or noise where there are holds, at least up to the first share.
+/// A robot slower than the second share of its speed in motion (90th percentile) may hold still. It does up to a multiple
+/// of the median of such speeds, which is 0 or noise where there are holds, and at least up to the first share.
 const STILL: [f64; 2] = [0.02, 0.08];
 const SPREAD: f64 = 4.0;
 
-/// Whether a robot of these speeds holds still: runs of slow samples, less their ends, in which it comes to rest and sets off
-/// again, faster than so many times the median of the run. These are few, but as deep as the hold.
+/// Whether a robot with these speeds holds still. Holds are runs of slow samples without their ends, at which it comes to
+/// rest and sets off again: there it is faster than a multiple of the median of the run. Such samples are few, but as deep
+/// as the hold.
 fn holds(speed: &[f64]) -> Vec<bool> {
     let [least, most] = STILL.map(|share| share * quantile(speed, 0.9));
     let slow: Vec<f64> = speed.iter().copied().filter(|s| *s <= most).collect();
@@ -65,7 +66,7 @@ fn holds(speed: &[f64]) -> Vec<bool> {
     holds
 }
 
-/// The value that this share of some numbers lies below; 0 of none.
+/// The value below which this share of some numbers lies; 0 for none.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -74,11 +75,11 @@ fn quantile(values: &[f64], share: f64) -> f64 {
 }
 
 impl Campaign {
-    /// The phase of every sample of a sequence, `log` its contacts.
+    /// The phase of every sample of a sequence with contacts `log`.
     ///
     /// # Errors
-    /// A motion of other joints or whose parts differ in length, contacts that are not of this sequence and
-    /// site.
+    /// A motion with another number of joints or with parts of different length; contacts that do not belong to this
+    /// sequence and site.
     pub fn phases(&self, motion: &Motion, log: &ContactLog) -> Result<Vec<Phase>, GapError> {
         motion.check(self.site.joints())?;
         log.check(&self.site, motion)?;

@@ -1,39 +1,40 @@
-//! What one stiffness everywhere explains together with an effect, beside what a free one explains alone: a
-//! field that grows stiff with depth and springs that stiffen push alike.
+//! How much a uniform stiffness and an effect explain together, compared with a free stiffness alone. A field that grows
+//! stiff with depth and springs that stiffen push alike.
 
 use crate::fitted::Fitted;
 use crate::{Acts, Campaign, Effect, GapError, Model};
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
-/// The share of what a free stiffness explains beyond a uniform one, from which on an effect with a uniform
-/// one says the same.
+/// Share of what a free stiffness explains beyond a uniform one. An effect that explains at least this share, with a
+/// uniform stiffness, is equivalent to the field.
 const SAME: f64 = 0.8;
-/// A free stiffness has to explain at least this share of what a uniform one leaves.
+/// Smallest share of what a uniform stiffness leaves that a free stiffness has to explain.
 const CALLED_FOR: f64 = 0.75;
 
-/// An effect beside one stiffness everywhere.
+/// An effect together with a uniform stiffness.
 pub(crate) struct Plain {
     pub(crate) effect: Arc<dyn Effect>,
     /// Its parameters.
     pub(crate) theta: Vec<f64>,
-    /// The stiffness (N/m).
+    /// The uniform stiffness (N/m).
     pub(crate) stiffness: f64,
-    /// The energy of the readings over windows that is left.
+    /// Energy of the residuals over windows.
     left: f64,
 }
 
-/// One stiffness everywhere, alone and with each effect that acts on springs.
+/// A uniform stiffness, alone and with each effect that acts on springs.
 pub(crate) struct Plainly {
-    /// The energy that it leaves alone.
+    /// Energy of the residuals without an effect.
     alone: f64,
     with: Vec<Plain>,
 }
 
 impl Plainly {
-    /// The effects that explain as much as a free stiffness does, which leaves the energy `free`, and the
-    /// share that they explain of what it explains beyond a uniform one; best first. `nominal` is the model that
-    /// was fitted.
+    /// The effects that explain as much as a free stiffness, best first. Each comes with its share of what the free
+    /// stiffness explains beyond a uniform one.
+    ///
+    /// `free` is the energy that the free stiffness leaves, `nominal` the model that was fitted.
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
@@ -76,7 +77,7 @@ impl Plainly {
     }
 }
 
-/// The factor, not negative, that brings torques closest to the readings, and the energy that it leaves.
+/// The factor, not negative, that brings torques closest to the readings, and the energy of the residuals.
 fn scaled(torques: &DVector<f64>, readings: &DVector<f64>) -> (f64, f64) {
     let factor = torques.dot(readings) / torques.norm_squared();
     let factor = if factor > 0.0 { factor } else { 0.0 };
@@ -84,7 +85,7 @@ fn scaled(torques: &DVector<f64>, readings: &DVector<f64>) -> (f64, f64) {
 }
 
 impl Campaign {
-    /// Fits one stiffness to the readings of a nominal model, alone and with each of the effects.
+    /// Fits a uniform stiffness to the readings of a nominal model, alone and with each of the effects.
     ///
     /// # Errors
     /// Parameters that an effect cannot take.

@@ -1,4 +1,5 @@
-//! What readings of a fitted model tell of further ones: predictive densities, and what its innovations say of the model.
+//! Predictive densities: what the readings of a fitted model say about further ones, and what its innovations say about the
+//! model.
 
 use crate::evidence::{Factor, Spread, outer};
 use crate::fitted::{Fitted, whitened};
@@ -11,18 +12,19 @@ use faer::Mat;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// The test sequences, and the train sequences that they are foretold from, in a model that was fitted to these.
+/// The test sequences, and the train sequences that they are predicted from, in a model fitted to the latter.
 pub(crate) struct TestDensity<'a> {
     all: Fitted<'a>,
     given: Vec<&'a Motion>,
-    /// Readings less the torques that depend neither on the stiffness nor on a parameter that is open.
+    /// Readings minus the torques that depend neither on the stiffness nor on an open parameter.
     rest: Vec<f64>,
-    /// The covariance of what such parameters change, to first order, lower triangle.
+    /// The covariance due to open parameters, to first order, lower triangle.
     open: Mat<f64>,
 }
 
 impl<'a> TestDensity<'a> {
-    /// What was never touched is uncertain, so that a model is not held against it. `None` without test sequences.
+    /// Stiffness that was never touched stays uncertain, so it does not count against a model. `None` without test
+    /// sequences.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -50,11 +52,11 @@ impl<'a> TestDensity<'a> {
         }))
     }
 
-    /// With the parameters of the fitted model as uncertain as its prior has them, so that the given sequences tell what they
-    /// are: other postures show what these leave open. Shares relative to a joint count as independent.
+    /// Makes the parameters of the fitted model as uncertain as in its prior, so that the given sequences determine them.
+    /// Other postures show what these sequences leave open. Shares relative to a joint count as independent.
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; a covariance that is not positive definite.
     pub(crate) fn with_open(
         mut self,
         campaign: &Campaign,
@@ -74,8 +76,7 @@ impl<'a> TestDensity<'a> {
         Ok(self)
     }
 
-    /// The stiffness per rest point (N/m), not negative, that the given sequences lead to expect, also where they touch
-    /// nothing.
+    /// The expected stiffness per rest point (N/m) given the train sequences, not negative, also where they touch nothing.
     fn field(&self, campaign: &Campaign, spread: &Spread) -> Result<Vec<f64>, GapError> {
         let (order, given) = self.given_first();
         let given = &order[..given];
@@ -96,7 +97,7 @@ impl<'a> TestDensity<'a> {
         covariance
     }
 
-    /// All rows, those of train sequences first, and how many these are.
+    /// All rows, those of train sequences first, and the number of the latter.
     fn given_first(&self) -> (Vec<usize>, usize) {
         let d = self.all.windows.joints;
         let (given, others): (Vec<_>, Vec<_>) =
@@ -112,8 +113,8 @@ impl<'a> TestDensity<'a> {
         self.given.iter().any(|own| std::ptr::eq(*own, motion))
     }
 
-    /// Log density of the test sequences given the others (nats), without constants; with a spread of the stiffness and
-    /// whatever roughness suits.
+    /// Log density of the test sequences given the others (nats), without constants, for a spread of the stiffness and the
+    /// roughness that suits best.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -127,8 +128,8 @@ impl<'a> TestDensity<'a> {
         Ok(log_mean_exp(&both) - log_mean_exp(&of_given))
     }
 
-    /// How far off the test sequences are from what the others lead to expect (root mean square, in standard deviations):
-    /// 1 if the model is right; `None` without windows of them.
+    /// Deviation of the test sequences from their prediction from the others (root mean square, in standard deviations). 1
+    /// if the model is right; `None` without windows of them.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -174,14 +175,15 @@ impl Fitted<'_> {
         Ok(densities[best_of(&densities)])
     }
 
-    /// What every reading adds to what those before it tell, in its standard deviations: white and of variance 1
-    /// if the model is right.
+    /// Standardized innovations of the readings, each given all previous ones: white and of variance 1 if the model is
+    /// right.
     fn innovations(&self, factor: &Factor) -> Vec<f64> {
         whitened(&self.rest(), factor)
     }
 
-    /// How far innovations persist: their correlation from a window to the next of a touch, over all joints, where less than
-    /// a window lies between. About 0 if the model is right; less than three deviations of what white ones have count as 0.
+    /// Persistence of the innovations: their correlation from a window to the next in a touch, over all joints, if less
+    /// than a window lies between the two. About 0 if the model is right. Less than three deviations of the correlation of
+    /// white innovations counts as 0.
     pub(crate) fn persistence(&self, factor: &Factor) -> f64 {
         let list = &self.windows.list;
         let follows: Vec<bool> = (0..list.len())
@@ -197,12 +199,12 @@ impl Fitted<'_> {
     }
 }
 
-/// Log of the density of the values of mean zero in some rows, without constants; of `covariance` the lower half.
+/// Log density of values of mean zero in some rows, without constants. `covariance` holds the lower triangle.
 fn log_density_of(values: &[f64], covariance: &Mat<f64>, rows: &[usize]) -> Result<f64, GapError> {
     Ok(log_densities(values, covariance, rows, rows.len())?.0)
 }
 
-/// The lower half of a covariance in some rows, in their order; of `covariance` the lower half.
+/// The lower triangle of a covariance in some rows, in their order. `covariance` holds the lower triangle.
 fn part(covariance: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
     Mat::from_fn(rows.len(), rows.len(), |i, k| {
         if i >= k {
@@ -213,7 +215,8 @@ fn part(covariance: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
     })
 }
 
-/// The values in some rows, in their order, whitened, and the factor of their covariance; of `covariance` the lower half.
+/// The values in some rows, in their order, whitened, and the factor of their covariance. `covariance` holds the lower
+/// triangle.
 fn whitened_in(
     values: &[f64],
     covariance: &Mat<f64>,
@@ -224,7 +227,7 @@ fn whitened_in(
     Ok((whitened(&own, &factor), factor))
 }
 
-/// Log of the density of all values of mean zero, in the rows of `order`, and of so many first ones, without constants.
+/// Log density of all values of mean zero, in the rows of `order`, and of a number of first ones, without constants.
 fn log_densities(
     values: &[f64],
     covariance: &Mat<f64>,
@@ -239,8 +242,7 @@ fn log_densities(
     Ok((of(order.len()), of(given)))
 }
 
-/// Correlation of the values of every window with those of the one before it, of those that follow one; `joints`
-/// values a window.
+/// Correlation of the values of each window that follows another with those of that one; `joints` values per window.
 fn correlation(values: &[f64], joints: usize, follows: &[bool]) -> f64 {
     let (mut along, mut squares) = (0.0, 0.0);
     for i in (1..follows.len()).filter(|i| follows[*i]) {

@@ -9,30 +9,30 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most Gauss-Newton steps, and halvings of one.
+/// Most Gauss-Newton steps, and most halvings of a step.
 const MOST_STEPS: usize = 4;
 const MOST_HALVINGS: usize = 2;
-/// Steps end when the evidence grows by less (nats).
+/// Iteration stops when the evidence grows by less than this (nats).
 const ENOUGH: f64 = 0.3;
 
-/// A model with effects whose parameters are fitted together with the field.
+/// A model whose effects were fitted together with the field.
 #[derive(Clone)]
 pub(crate) struct Refined {
     /// The model.
     pub(crate) model: Model,
-    /// Its parameters, part after part.
+    /// Its parameters, effect by effect.
     pub(crate) theta: Vec<f64>,
     /// Their prior.
     pub(crate) prior: Prior,
-    /// Their posterior deviations; 0 of amplitudes that may not act, and of the reference.
+    /// Their posterior standard deviations; 0 for amplitudes that may not act, and for the reference.
     pub(crate) sd: Vec<f64>,
-    /// Log of the evidence of the readings, roughness averaged (nats, without constants).
+    /// Log evidence of the readings, averaged over roughness (nats, without constants).
     pub(crate) log_evidence: f64,
-    /// The roughness under which it does best.
+    /// The roughness under which the model does best.
     pub(crate) spread: Spread,
     /// Mean stiffness per rest point, not negative (N/m).
     pub(crate) stiffness: Vec<f64>,
-    /// Columns of the change of the torques with each parameter; empty of those that may not act.
+    /// Columns of the derivative of the torques with respect to each parameter; empty for those that may not act.
     pub(crate) tangent: Vec<Vec<f64>>,
     /// Whether anything is touched.
     pub(crate) touches: bool,
@@ -40,28 +40,28 @@ pub(crate) struct Refined {
     pub(crate) reference: Option<Reference>,
 }
 
-/// A parameter that is this near to a bound, as a share of it, was stopped there.
+/// A parameter this near to a bound, relative to the bound, was stopped by it.
 const NEAR_BOUND: f64 = 1e-3;
-/// A parameter whose deviation is more than this share of that of its prior is not determined.
+/// A parameter is undetermined if its deviation is more than this share of its prior deviation.
 const UNDETERMINED: f64 = 0.9;
-/// Many deviations away from zero, it is there because the data want it.
+/// A parameter this many deviations from zero is wanted by the data.
 const WANTED: f64 = 5.0;
 
 impl Refined {
-    /// Changes of the torques with the parameters of the model.
+    /// Derivatives of the torques with respect to the parameters that may move.
     pub(crate) fn moving_columns(&self) -> impl Iterator<Item = &[f64]> {
         self.prior.moving().map(|i| self.tangent[i].as_slice())
     }
 
-    /// Those of parameters that are at no bound.
+    /// Derivatives for the parameters that are at no bound.
     pub(crate) fn free_columns(&self) -> impl Iterator<Item = &[f64]> {
         let free = |&i: &usize| !is_stopped(&self.prior.parameters[i], self.theta[i]);
         let moving = self.prior.moving().filter(free);
         moving.map(|i| self.tangent[i].as_slice())
     }
 
-    /// The prior of what the data could have moved either way; other parameters are what they are, those of sequences that the
-    /// data do not hold, too.
+    /// The prior restricted to the parameters that the data could have moved either way. All others are fixed, including
+    /// those of sequences that the data do not contain.
     pub(crate) fn open(&self) -> Prior {
         let mut prior = self.prior.clone();
         for (i, p) in self.prior.parameters.iter().enumerate() {
@@ -73,7 +73,7 @@ impl Refined {
         prior
     }
 
-    /// The model without some of its effects, and the prior of that.
+    /// The model without some of its effects, and its prior.
     pub(crate) fn without(&self, dropped: impl Fn(&dyn Effect) -> bool) -> (Model, Prior) {
         let (mut model, mut prior) = (Model::default(), Prior::default());
         for (part, (effect, own)) in self.model.places().enumerate() {
@@ -85,12 +85,12 @@ impl Refined {
         (model, prior)
     }
 
-    /// Names of the amplitudes that the data press against a bound of what is plausible.
+    /// Names of the amplitudes that the data press against a bound of the plausible range.
     pub(crate) fn at_bounds(&self) -> Vec<&str> {
         self.at_bounds_among(0..self.theta.len())
     }
 
-    /// The same of some parameters.
+    /// The same among the parameters at `places`.
     pub(crate) fn at_bounds_among(&self, places: Range<usize>) -> Vec<&str> {
         let stopped = |i: &usize| {
             let p = &self.prior.parameters[*i];
@@ -103,20 +103,21 @@ impl Refined {
             .collect()
     }
 
-    /// Whether there are any; where it `touches`, of an effect that does not follow contact.
+    /// Whether there are such amplitudes. If the model `touches` anything, those of effects that follow contact do not
+    /// count.
     pub(crate) fn is_stopped(&self, touches: bool) -> bool {
         let counts = |effect: &dyn Effect| !(touches && follows_contact(effect));
         let mut places = self.model.places().filter(|(e, _)| counts(e.as_ref()));
         places.any(|(_, own)| !self.at_bounds_among(own).is_empty())
     }
 
-    /// Whether the data say next to nothing of a parameter.
+    /// Whether the data say next to nothing about a parameter.
     pub(crate) fn is_undetermined(&self, place: usize) -> bool {
         self.sd[place] > UNDETERMINED * self.prior.sd[place]
     }
 
-    /// Names of the effects of none of whose parameters the data say anything, as where an object was moved to where nothing
-    /// touches it any more.
+    /// Names of the effects none of whose parameters the data determine, for example because an object was moved to where
+    /// nothing touches it.
     pub(crate) fn vague(&self) -> Vec<&str> {
         let tells = |place: usize| self.prior.sd[place] > 0.0 && !self.is_undetermined(place);
         let effects = self.model.places();
@@ -133,15 +134,15 @@ pub(crate) fn is_stopped(p: &Parameter, value: f64) -> bool {
 /// Prior of all parameters of a model.
 #[derive(Clone, Default)]
 pub(crate) struct Prior {
-    /// The parameters, part after part.
+    /// The parameters, effect by effect.
     pub(crate) parameters: Vec<Parameter>,
     /// Means: zero for amplitudes, the start of the search for shapes.
     pub(crate) mean: Vec<f64>,
-    /// Standard deviations; 0 of amplitudes that may not act.
+    /// Standard deviations; 0 for amplitudes that may not act.
     pub(crate) sd: Vec<f64>,
-    /// Nats that the choice of those that may costs, per part ([`Tangent`](crate::screen::Tangent)).
+    /// Cost (nats) of the choice between sets of amplitudes, per effect ([`Tangent`](crate::screen::Tangent)).
     pub(crate) choice: Vec<f64>,
-    /// Weights of those that scale the field in their mean, which is zero ([`gauge`]); 0 of others.
+    /// Weights of the parameters that scale the field in their mean, which is held at zero ([`gauge`]); 0 for others.
     pub(crate) weights: Vec<f64>,
 }
 
@@ -151,7 +152,7 @@ impl Prior {
         (0..self.sd.len()).filter(|&i| self.sd[i] > 0.0)
     }
 
-    /// That of one effect, by its place and where its parameters are.
+    /// The prior of one effect, given its index and the places of its parameters.
     fn of_part(&self, part: usize, own: Range<usize>) -> Self {
         let of = |values: &[f64]| values[own.clone()].to_vec();
         Self {
@@ -163,7 +164,7 @@ impl Prior {
         }
     }
 
-    /// That of a model with one more effect.
+    /// The prior of a model with one more effect.
     pub(crate) fn and(mut self, next: Self) -> Self {
         self.parameters.extend(next.parameters);
         self.mean.extend(next.mean);
@@ -173,7 +174,7 @@ impl Prior {
         self
     }
 
-    /// Nats that parameters cost.
+    /// Cost of the parameters (nats): the negative log prior density.
     pub(crate) fn cost(&self, theta: &[f64]) -> f64 {
         let z = |i: usize| (theta[i] - self.mean[i]) / self.sd[i];
         let choice: f64 = self.choice.iter().sum();
@@ -183,7 +184,7 @@ impl Prior {
 }
 
 impl Model {
-    /// All parameters, part after part.
+    /// All parameters, effect by effect.
     pub fn theta(&self) -> Vec<f64> {
         self.parts
             .iter()
@@ -191,7 +192,7 @@ impl Model {
             .collect()
     }
 
-    /// The effects, and where the parameters of each are among all.
+    /// The effects, and the places of their parameters among all.
     pub(crate) fn places(&self) -> impl Iterator<Item = (&Arc<dyn Effect>, Range<usize>)> {
         let mut next = 0;
         self.parts.iter().map(move |(effect, theta)| {
@@ -201,22 +202,22 @@ impl Model {
         })
     }
 
-    /// Whether an effect of this name is one of its own.
+    /// Whether the model has an effect of this name.
     pub(crate) fn has(&self, name: &str) -> bool {
         self.parts.iter().any(|(e, _)| e.name() == name)
     }
 
-    /// Whether another model has all of its effects.
+    /// Whether another model has all effects of this one.
     pub(crate) fn is_part_of(&self, other: &Self) -> bool {
         self.parts.iter().all(|(e, _)| other.has(e.name()))
     }
 
-    /// Whether another model has all of its effects, and no others.
+    /// Whether another model has exactly the effects of this one.
     pub(crate) fn has_effects_of(&self, other: &Self) -> bool {
         self.is_part_of(other) && other.is_part_of(self)
     }
 
-    /// The same effects with other parameters, as many as [`Model::theta`] gives.
+    /// The same effects with other parameters, in the order of [`Model::theta`].
     #[must_use]
     pub(crate) fn at(&self, theta: &[f64]) -> Self {
         let parts = (self.places())
@@ -227,12 +228,13 @@ impl Model {
 }
 
 impl Campaign {
-    /// Fits the parameters of a model together with the field, from where they are. In free air, where that takes little time, once
-    /// more with the roughness that is left: that of a model which lacks what this one has leads to what changes quickly. With
-    /// contact see [`Campaign::with_own_spread`].
+    /// Fits the parameters of a model together with the field, starting from their current values.
+    ///
+    /// In free air, where a fit is fast, it is repeated with the roughness that is left. The roughness of a model that
+    /// lacks these effects gives too much weight to quick changes. With contact, see [`Campaign::with_own_spread`].
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; a covariance that is not positive definite.
     pub(crate) fn refine(
         &self,
         start: &Model,
@@ -251,7 +253,7 @@ impl Campaign {
         })
     }
 
-    /// The same by Gauss-Newton steps on the evidence with this spread.
+    /// Fits by Gauss-Newton steps on the evidence under this spread.
     pub(crate) fn refined_at(
         &self,
         start: &Model,
@@ -336,9 +338,10 @@ impl Campaign {
         Ok(refined)
     }
 
-    /// A fitted model once more, with the spread of the stiffness that suits it best, if that does better: the
-    /// one of the nominal model makes up for what it lacks. Also from where the first fit started, since that
-    /// spread may have led it astray.
+    /// Fits a model once more under the spread of the stiffness that suits it best, if that does better. The spread of the
+    /// nominal model makes up for what that model lacks.
+    ///
+    /// The fit is also started from where the first one started, since the first spread may have led it astray.
     ///
     /// # Errors
     /// As [`Campaign::refine`].
@@ -368,9 +371,10 @@ impl Campaign {
         Ok(best)
     }
 
-    /// Gives a fitted model the parameters that predict readings best, whatever persists in what it leaves.
-    /// Weights that know how errors persist look at quick changes; there, the forms of effects are at their
-    /// worst. Its evidence stays.
+    /// Gives a fitted model the parameters that predict the readings best, even if its residuals persist.
+    ///
+    /// Weights that account for persistent errors emphasize quick changes, where the forms of effects are at their worst.
+    /// The evidence of the model stays.
     ///
     /// # Errors
     /// As [`Campaign::refine`].
@@ -406,7 +410,7 @@ impl Campaign {
         Ok(field.into_iter().map(|k| k.max(0.0)).collect())
     }
 
-    /// The change of the torques with every parameter of a model that may move, empty for the others.
+    /// The derivative of the torques with respect to every parameter that may move; empty for the others.
     pub(crate) fn columns(
         &self,
         model: &Model,
@@ -452,8 +456,8 @@ impl Campaign {
     }
 }
 
-/// Log evidence with the parameters integrated out around `theta`, and the next ones of those that may move,
-/// relative to the prior mean.
+/// Log evidence with the parameters integrated out around `theta`, and the next values of those that may move, relative to
+/// the prior mean.
 fn evidence(
     fitted: &Fitted<'_>,
     columns: &[Vec<f64>],

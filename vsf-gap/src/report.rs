@@ -12,21 +12,22 @@ use crate::{Campaign, Effect, Model, Motion, Parameter, Role};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Stands for the stiffness field among what effects are not told from.
+/// Name of the stiffness field in [`EffectReport::ambiguous_with`].
 pub const STIFFNESS_FIELD: &str = "stiffness_field";
 
-/// Effects that close this share of the gap explain it, however rough the rest.
+/// Effects that close this share of the gap explain it, however rough the rest is.
 pub(crate) const MOSTLY: f64 = 0.5;
 /// A model whose error is no more than this many times that of a perfect one leaves no gap.
 const PERFECT: f64 = 1.1;
 
-/// From so many deviations on, a parameter shows that its effect acts on a joint: one of seven on which it does not act comes
-/// so far in one case of twenty. Parameters below a share of the largest of the effect take more.
+/// A parameter at least this many deviations from zero shows that its effect acts on a joint. If the effect does not act on
+/// seven joints, one of them exceeds this in one case of twenty. Parameters below a share of the largest one of the effect
+/// need more.
 const SHOWS: f64 = 2.7;
 const SMALL: f64 = 0.05;
 const SHOWS_SMALL: f64 = 5.0;
 
-/// A parameter of an effect, estimated.
+/// An estimated parameter of an effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(expecting = "a parameter, an object")]
 pub struct ParameterEstimate {
@@ -34,158 +35,168 @@ pub struct ParameterEstimate {
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// Its standard deviation; 0 where a file gives none.
+    /// Standard deviation; 0 if a file gives none.
     #[serde(rename = "std", default)]
     pub sd: f64,
-    /// Its unit, `1` of numbers without one.
+    /// Unit; `1` for dimensionless numbers.
     pub unit: String,
 }
 
-/// What the diagnosis says about one effect.
+/// What a diagnosis reports about one effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EffectReport {
     /// Its name.
     pub effect: String,
-    /// What it is, and what its parameters are, in one phrase.
+    /// The effect and its parameters, in one phrase.
     #[serde(default)]
     pub summary: String,
-    /// Probability that it acts.
+    /// Probability that the effect acts.
     pub probability: f64,
-    /// Gain of log evidence over the nominal model (nats); of effects that were not fitted, to first
-    /// order.
+    /// Gain of log evidence over the nominal model (nats); to first order for effects that were not fitted.
     pub score: f64,
-    /// The score (nats) that is reached where nothing acts: a constant of the effect, settled on other recordings; higher where
-    /// contact is rough, or where the effect generalizes another one. Probabilities follow what the score is above it; to be named alone takes some 8 to 10
-    /// nats more. `null` where it was not fitted.
+    /// Score (nats) that the effect reaches where nothing acts.
+    ///
+    /// A constant of the effect, calibrated on other recordings. It is higher where contact is rough, or where the effect
+    /// generalizes another one. Probabilities follow the excess of the score over it; to be named alone takes some 8 to 10
+    /// nats more. `null` if the effect was not fitted.
     #[serde(default)]
     pub null_score: Option<f64>,
-    /// Its parameters, in the corrected model if it is part of it; empty for effects that were not
-    /// fitted.
+    /// Parameters: those of the corrected model if the effect is part of it. Empty for effects that were not fitted.
     pub parameters: Vec<ParameterEstimate>,
-    /// Names of the parameters of which the recording says next to nothing: their deviations are more than nine tenths of
-    /// what is taken for plausible before any reading.
+    /// Names of the parameters that the recording hardly determines: their posterior deviations are more than nine tenths
+    /// of those of the prior.
     #[serde(default)]
     pub undetermined: Vec<String>,
-    /// Names of the amplitudes that stopped at a bound of what is plausible: the effect may stand for something else.
+    /// Names of the amplitudes that stopped at a bound of the plausible range. The effect may then stand for something
+    /// else.
     #[serde(default)]
     pub at_bound: Vec<String>,
-    /// Names of the shapes that are determined and lie at a bound of what is plausible, beyond which the data may want them:
-    /// their deviations tell of the inner side alone.
+    /// Names of the shapes that are determined and lie at a bound of the plausible range. The data may want a value beyond
+    /// it, so their deviations describe the inner side alone.
     #[serde(default)]
     pub shapes_at_bound: Vec<String>,
-    /// Joints with a parameter that is at least 2.7 deviations from zero; five, if it is less than a twentieth of the
-    /// largest of the effect.
+    /// Joints with a parameter that is at least 2.7 deviations from zero, or five if it is less than a twentieth of the
+    /// effect's largest one.
     pub joints: Vec<String>,
-    /// Mean error of the test sequences with it (N m or N); `null` for all but the likeliest and those that were up to be
-    /// named.
+    /// Mean error on the test sequences with this effect (N m or N); `null` except for the likeliest effects and those that
+    /// were up to be named.
     pub test_error: Option<f64>,
-    /// Share of the gap that it closes on the test sequences.
+    /// Share of the gap that the effect closes on the test sequences.
     pub closed_fraction: Option<f64>,
-    /// How much likelier it makes the test sequences than the nominal model does, both fitted to the train sequences, which
-    /// leave its parameters uncertain (nats); `null` where the error is.
+    /// Gain of the log predictive density of the test sequences over the nominal model (nats); `null` where `test_error`
+    /// is.
+    ///
+    /// Both models are fitted to the train sequences, which leave the effect's parameters uncertain.
     #[serde(default)]
     pub test_score: Option<f64>,
-    /// Share of its information that the stiffness absorbs, 0 to 1.
+    /// Share of the effect's information that the stiffness absorbs, 0 to 1.
     pub absorbed_share: Option<f64>,
-    /// What the model with it leaves unexplained; `null` where it was not fitted.
+    /// What the model with this effect leaves unexplained; `null` if it was not fitted.
     pub roughness: Option<Roughness>,
-    /// What these recordings cannot tell from it: effects, and [`STIFFNESS_FIELD`] where it explains, with one
-    /// stiffness everywhere, what a field explains that differs from place to place.
+    /// What these recordings cannot tell from this effect.
+    ///
+    /// Names of effects, and [`STIFFNESS_FIELD`] if the effect, with one stiffness everywhere, explains what a field
+    /// explains that differs from place to place.
     pub ambiguous_with: Vec<String>,
-    /// How large it has to be for the recording to show it, by amplitude, the one that shows best first; empty where
-    /// another contact threshold does as much ([`Verdict::or_threshold`]).
+    /// How large each amplitude has to be for the recording to show it, the one that shows best first; empty where another
+    /// contact threshold explains as much ([`Verdict::or_threshold`]).
     #[serde(default)]
     pub shows_from: Vec<Limit>,
-    /// Whether the recording can show it.
+    /// Whether the recording can show the effect.
     pub testable: bool,
     /// Why not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
 
-/// Unexplained torques that persist, as shares of what is measured; lattice values.
+/// Unexplained torques that persist, as shares of what is measured. The values come from a lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Roughness {
-    /// Of the force in contact, and as large a share of 0.1 m of the place where it acts.
+    /// Share of the force in contact, and as large a share of 0.1 m in the place where it acts.
     pub contact: f64,
-    /// Of each joint's RMS torque.
+    /// Share of each joint's RMS torque.
     pub joint: f64,
-    /// Of the random walk that an effect may stray by ([`crate::RandomWalk`]).
+    /// Share of the random walk by which an effect may stray ([`crate::RandomWalk`]).
     #[serde(default)]
     pub walk: f64,
 }
 
-/// Errors before and after.
+/// Errors before and after the correction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Gap {
     /// Mean error of the nominal model on the test sequences (N m or N).
     pub test_error_nominal: f64,
-    /// That of the corrected model.
+    /// Mean error of the corrected model on the test sequences (N m or N).
     pub test_error_corrected: f64,
-    /// Mean error of a perfect model, by the noise of the train sequences.
+    /// Mean error of a perfect model, from the noise of the train sequences.
     pub noise_floor: f64,
-    /// Whether it is at most that: read in contact, for want of readings in the air other than zero, whose changes from one sample to the next count as noise.
+    /// Whether the noise floor is only an upper bound. It is if the noise was read in contact, for want of readings in the
+    /// air other than zero: changes from one sample to the next then count as noise.
     #[serde(default)]
     pub noise_floor_is_bound: bool,
     /// Share of the gap that the corrected model closes.
     pub closed_fraction: f64,
-    /// Interval of that share, 95 %, by drawing stretches of the test sequences anew, the fitted model given: how
-    /// sure these recordings are of it, not how it comes out in another touch. Beyond 0 and 1 where the gap is hardly larger
-    /// than the noise.
+    /// 95 % interval of that share, from drawing stretches of the test sequences anew with the fitted model fixed.
+    ///
+    /// It says how well these recordings determine the share, not how it comes out in another touch. It extends beyond 0
+    /// and 1 where the gap is hardly larger than the noise.
     pub closed_interval: [f64; 2],
     /// Unit of the errors.
     pub unit: String,
-    /// Effects of the corrected model; none where nothing is corrected.
+    /// Effects of the corrected model; empty if nothing is corrected.
     #[serde(default)]
     pub corrected_by: Vec<String>,
-    /// Mean errors of the samples in which nothing is touched at either threshold; `null` without such ones.
+    /// Mean errors of the samples in which nothing is touched at either threshold; `null` if there are none.
     #[serde(default)]
     pub free: Option<MeanErrors>,
-    /// The same of those in which something is.
+    /// Mean errors of the samples in which something is touched; `null` if there are none.
     #[serde(default)]
     pub contact: Option<MeanErrors>,
-    /// Whether errors are of fields as they are estimated outside of a diagnosis ([`Campaign::estimated`]); else of the
-    /// diagnosis' own, as where nothing is touched or test sequences were learned from.
+    /// Whether the errors are those of fields as estimated outside of a diagnosis ([`Campaign::estimated`]).
+    ///
+    /// If not, they are those of the diagnosis' own fields, as where nothing is touched or test sequences were learned
+    /// from.
     #[serde(default)]
     pub estimated: bool,
-    /// Whether there are no test sequences: errors are those of the fit itself, on the one sequence that there is.
+    /// Whether there are no test sequences. The errors are then in-sample, on the only sequence.
     #[serde(default)]
     pub in_sample: bool,
     /// Contact threshold (m) of the corrected model's field; `null` in free air.
     #[serde(default)]
     pub threshold: Option<f64>,
-    /// That of the nominal model's field: the corrected model's or the one that suits the points, whichever predicts better.
+    /// Contact threshold (m) of the nominal model's field: that of the corrected model or the one that suits the points,
+    /// whichever predicts better.
     #[serde(default)]
     pub threshold_nominal: Option<f64>,
 }
 
-/// Mean errors of some of the samples that check the models.
+/// Mean errors over some of the samples that check the models.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MeanErrors {
     /// Of the nominal model (N m or N).
     pub nominal: f64,
-    /// Of the corrected one.
+    /// Of the corrected model (N m or N).
     pub corrected: f64,
-    /// How many samples these are.
+    /// Number of samples.
     pub samples: usize,
 }
 
-/// A diagnosis, as `vsf diagnose --json` writes it.
+/// A diagnosis, as written by `vsf diagnose --json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Diagnosis {
-    /// Version of this form, 1.
+    /// Version of this format, 1.
     pub schema: u32,
     /// Name of the recording.
     pub dataset: String,
-    /// How far.
+    /// How far the gap closes.
     pub gap: Gap,
-    /// Where.
+    /// Where the gap lies.
     #[serde(rename = "where")]
     pub location: Location,
-    /// Which: all of the catalogue, best first.
+    /// Which effects explain it: all of the catalogue, best first.
     pub effects: Vec<EffectReport>,
     /// The answer.
     pub verdict: Verdict,
@@ -195,42 +206,43 @@ pub struct Diagnosis {
     pub notes: Vec<String>,
 }
 
-/// A diagnosis and what it rests on.
+/// A diagnosis and the results that it rests on.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Outcome {
     /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// The corrected model; without parts when nothing is corrected.
+    /// The corrected model; without parts if nothing is corrected.
     pub model: Model,
-    /// Standard deviations of its parameters, effect by effect.
+    /// Standard deviations of the parameters of `model`, effect by effect.
     pub sd: Vec<f64>,
     /// The corrected model's field per rest point (N/m), at the contact threshold [`Gap::threshold`].
     pub field: Vec<f64>,
-    /// The sequences that check the models: those of the test split, or what of them was not fitted to.
+    /// The sequences that check the models: those of the test split, or the part of them that was not fitted to.
     pub checked: Vec<Motion>,
-    /// Residuals of the nominal model there.
+    /// Residuals of the nominal model on `checked`.
     pub nominal: Residuals,
-    /// Residuals of the corrected model there.
+    /// Residuals of the corrected model on `checked`.
     pub corrected: Residuals,
-    /// The recording in the contact that effects were looked for in: the given one, or that of
-    /// [`Campaign::with_suited_fields`] where effects are not told from it; as it was split, where halves of test
-    /// sequences were fitted.
+    /// The recording in the contact in which effects were looked for.
+    ///
+    /// That is the given contact, or the one of [`Campaign::with_suited_fields`] if effects cannot be told from it. If
+    /// halves of test sequences were fitted, the recording is split accordingly.
     pub campaign: Campaign,
-    /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict that there is
-    /// none, and no sensor, sign or place is at fault.
+    /// Whether the cause is unknown because what the named effects leave persists, or because the test sequences contradict
+    /// the answer that there is none, and no sensor, sign or place is at fault.
     pub(crate) open: bool,
     /// Whether the corrected model closes some of the gap in 95 % of the draws of its test sequences.
     pub(crate) surely_closes: bool,
 }
 
-/// Whether a model with this mean error leaves no gap, `noise_floor` being that of a perfect one.
+/// Whether a model with this mean error leaves no gap; `noise_floor` is the error of a perfect model.
 pub(crate) fn is_perfect(error: f64, noise_floor: f64) -> bool {
     error <= PERFECT * noise_floor
 }
 
 impl Outcome {
-    /// Whether a gap is left, of which it is not said that nothing known explains it.
+    /// Whether a gap is left, and the answer is not that no known effect explains it.
     pub(crate) fn is_open(&self) -> bool {
         let gap = &self.diagnosis.gap;
         let perfect = is_perfect(gap.test_error_nominal, gap.noise_floor);
@@ -238,14 +250,14 @@ impl Outcome {
         !perfect && gap.closed_fraction < MOSTLY && !unknown
     }
 
-    /// Whether effects are named, and the corrected model surely closes, and closes most of, the gap.
+    /// Whether effects are named and the corrected model closes the gap surely, and most of it.
     pub(crate) fn explains(&self) -> bool {
         let Diagnosis { verdict, gap, .. } = &self.diagnosis;
         let closes = gap.closed_fraction >= MOSTLY && self.surely_closes;
         verdict.kind == VerdictKind::Effects && closes
     }
 
-    /// What halves of the test sequences show, instead of what whole ones did not, with the other effects.
+    /// Takes what halves of the test sequences show, instead of what whole ones did not; the other effects are kept.
     pub(crate) fn in_place_of(mut self, whole: Self) -> Self {
         let d = &mut self.diagnosis;
         let mut others = whole.diagnosis.effects;
@@ -273,12 +285,12 @@ impl Outcome {
 }
 
 impl EffectReport {
-    /// Whether it may be what the stiffness field shows.
+    /// Whether the effect may be what the stiffness field shows.
     pub fn is_like_field(&self) -> bool {
         self.ambiguous_with.iter().any(|w| w == STIFFNESS_FIELD)
     }
 
-    /// Of an effect that the search looked at: what it gains over the log evidence `base`.
+    /// For an effect that the search looked at: its gain over the log evidence `base`.
     pub(crate) fn of(
         campaign: &Campaign,
         candidate: &Candidate,
@@ -304,7 +316,7 @@ impl EffectReport {
         report
     }
 
-    /// Of an effect that the recording cannot show.
+    /// For an effect that the recording cannot show.
     pub(crate) fn untestable(effect: &dyn Effect, reason: &str) -> Self {
         Self {
             testable: false,
@@ -337,14 +349,14 @@ impl EffectReport {
         }
     }
 
-    /// Takes how it does on the test sequences.
+    /// Sets the results on the test sequences.
     pub(crate) fn check(&mut self, checked: &Checked) {
         self.test_error = Some(checked.residuals.mean_error());
         self.closed_fraction = Some(checked.closure.fraction);
         self.test_score = Some(checked.foretold);
     }
 
-    /// Of effects that are named together, parameters are those that they have together.
+    /// Sets the parameters of effects that are named together to their joint estimates.
     pub(crate) fn together(&mut self, campaign: &Campaign, named: &Refined) {
         for (effect, own) in named.model.places() {
             if effect.name() == self.effect {
@@ -353,7 +365,7 @@ impl EffectReport {
         }
     }
 
-    /// Takes its parameters out of those of a model, and the joints that they show the effect to act on.
+    /// Takes the effect's parameters from those of a model, with the joints on which they show the effect to act.
     fn estimate(
         &mut self,
         campaign: &Campaign,

@@ -3,21 +3,21 @@ use std::ops::RangeInclusive;
 use vsf_core::RestPoints;
 use vsf_data::parse_json;
 
-/// Version of the form.
+/// Version of the format.
 pub(crate) const SCHEMA: u32 = 1;
 
-/// Rounding of what adds up to 1.
+/// Rounding of shares that add up to 1.
 const ROUNDING: f64 = 1e-9;
 const SHARE: RangeInclusive<f64> = -ROUNDING..=1.0 + ROUNDING;
-/// What no torque, evidence or parameter of a diagnosis comes to.
+/// Larger than any torque, evidence or parameter of a diagnosis.
 const MOST: f64 = 1e16;
 
 impl Diagnosis {
-    /// Reads JSON, as it is written by `vsf diagnose --json`; further keys beside its own are left aside.
+    /// Reads JSON as written by `vsf diagnose --json`. Unknown keys are ignored.
     ///
     /// # Errors
-    /// [`GapError::Report`] for anything but JSON of this form and schema, and for numbers that no diagnosis has: a
-    /// probability or share that is not in 0 .. 1, an error below zero, anything beyond 1e16.
+    /// [`GapError::Report`] for anything but JSON of this form and schema, and for impossible numbers: a probability or
+    /// share outside 0 .. 1, an error below zero, anything beyond 1e16.
     pub fn from_json(text: &str) -> Result<Self, GapError> {
         let report: Self = parse_json(text.as_bytes()).map_err(|e| {
             GapError::Report(format!(
@@ -135,7 +135,7 @@ fn size(key: &str, value: f64) -> Result<(), GapError> {
     within(key, value, 0.0..=MOST)
 }
 
-/// The share of a gap that is closed: below zero where it grows, and above one by noise.
+/// Checks the share of a gap that is closed. It is below zero where the gap grows, and may exceed one by noise.
 fn closed(key: &str, value: f64) -> Result<(), GapError> {
     within(key, value, -MOST..=MOST)
 }

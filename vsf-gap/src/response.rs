@@ -5,13 +5,12 @@ use vsf_core::Contacts;
 use vsf_data::TorqueKind;
 
 impl Campaign {
-    /// How the contacts `log` of a model `base` answer to a small change of it, without running contact anew:
-    /// where a link's surface moves by `d`, the points it touches follow along its normal,
-    /// `u + n (n . d)`, and slip along it; no point is touched that was not. `None` where the model
-    /// changes more of contact than places and padding.
+    /// First-order change of the contacts `log` of a model `base` under a small change of the model, without running
+    /// contact anew.
     ///
-    /// First order in the change, and without the noise of points that come into contact one by
-    /// one, which differences of two simulated contacts have.
+    /// Where a link's surface moves by `d`, the points that it touches follow along its normal, `u + n (n . d)`, and slip
+    /// along it. No new point is touched. `None` if the model changes more of contact than places and padding. Unlike the
+    /// difference of two simulated contacts, the result has no noise from points that come into contact one by one.
     ///
     /// # Errors
     /// Parameters that an effect cannot take.
@@ -68,7 +67,7 @@ impl Campaign {
         Ok(Some(answer))
     }
 
-    /// By how much padding differs between two sets of effects, unless more of contact does.
+    /// Difference in padding between two sets of effects; `None` if they change more of contact.
     fn padding(&self, base: &dyn Compensator, other: &dyn Compensator) -> Option<f64> {
         let [base, mut other] = [base, other].map(|c| contact_config(&self.scene, c));
         let padding = other.padding - base.padding;

@@ -1,4 +1,4 @@
-//! Another contact threshold as a rival of effects: the threshold is a choice of the model, not a cause.
+//! Another contact threshold as an alternative to effects. The threshold is a choice of the model, not a cause.
 
 use crate::contact::contact_config;
 use crate::effect::EVIDENT;
@@ -12,27 +12,27 @@ use std::borrow::Cow;
 use vsf_contact::ContactConfig;
 use vsf_pipeline::Scene;
 
-/// Named effects have to gain so many times what the other contact does.
+/// Named effects have to gain this many times as much as the other contact.
 const TIMES: f64 = 2.0;
 
 /// The model without the effects that are relative to contact, with another contact threshold.
 pub(crate) struct Rival {
-    /// Contact thresholds (m): its own, and that of the search.
+    /// Contact thresholds (m): the rival's, and that of the search.
     thresholds: [f64; 2],
-    /// Names of its effects.
+    /// Names of its remaining effects.
     beside: Vec<String>,
-    /// What the other contact gains beside them (nats), and what such a gain has to exceed.
+    /// Gain of the other contact beside them (nats), and the gain that is reached by chance.
     gain: f64,
     null_gain: f64,
-    /// What the named effects gain that are relative to the contact (nats).
+    /// Gain of the named effects that are relative to the contact (nats).
     of_effects: f64,
-    /// What they gain without acting (nats).
+    /// Gain that these effects reach without acting (nats).
     null_gain_of_effects: f64,
-    /// Their names.
+    /// Names of these effects.
     effects: Vec<String>,
 }
 
-/// Another scene, what it gains (nats), and what such a gain has to exceed.
+/// Another scene, its gain (nats), and the gain that is reached by chance.
 struct Other {
     scene: Scene,
     gain: f64,
@@ -46,18 +46,18 @@ impl Other {
 }
 
 impl Rival {
-    /// Whether these effects are not told from it: where another contact gains much, contact is described so roughly that
-    /// they have to gain twice as much, beyond their null gain.
+    /// Whether the effects cannot be told from the rival. Where another contact gains much, contact is described so roughly
+    /// that effects have to gain twice as much, beyond their null gain.
     pub(crate) fn outdoes(&self) -> bool {
         self.of_effects < TIMES * (self.gain - self.null_gain) + self.null_gain_of_effects
     }
 
-    /// The effects that are not told from it.
+    /// The effects that cannot be told from the rival.
     pub(crate) fn effects(&self) -> &[String] {
         &self.effects
     }
 
-    /// What a reader should know of it.
+    /// Note about the rival, for the reader of the diagnosis.
     pub(crate) fn told(&self) -> String {
         let [own, searched] = self.thresholds.map(mm);
         let without = if self.beside.is_empty() {
@@ -84,12 +84,13 @@ impl Rival {
 }
 
 impl Search<'_> {
-    /// The contact threshold that explains the train sequences better than the one of the search, and its scene: that of the
-    /// fields, or the one that a fitted padding amounts to. `None` where the threshold was given, or no effect is named that
-    /// is relative to the contact. `campaign` is the one that was searched.
+    /// The contact threshold that explains the train sequences better than that of the search, and its scene.
+    ///
+    /// Tried are the threshold of the fields, and the one that a fitted padding amounts to. `None` if the threshold was
+    /// given, or if no named effect is relative to the contact. `campaign` is the one that was searched.
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; a covariance that is not positive definite.
     pub(crate) fn rival(
         &self,
         campaign: &Campaign,
@@ -115,7 +116,7 @@ impl Search<'_> {
         Ok(first)
     }
 
-    /// That of some effects of a named model, beside its others.
+    /// The rival of some effects of a named model, beside its others.
     ///
     /// # Errors
     /// As [`Search::rival`].
@@ -174,7 +175,7 @@ impl Search<'_> {
         Ok(Some((rival, other.scene)))
     }
 
-    /// A named model with some of its effects alone, fitted so; `None` without any.
+    /// A named model with only some of its effects, fitted anew; `None` if there are none.
     ///
     /// # Errors
     /// As [`Search::rival`].
@@ -195,10 +196,10 @@ impl Search<'_> {
         Ok(Some(Cow::Owned(fitted)))
     }
 
-    /// The scene whose contact threshold has a padding in it, which is fitted beside others; `None` where none shows.
+    /// The scene whose contact threshold includes a padding that is fitted beside the others; `None` if no padding shows.
     ///
     /// # Errors
-    /// Parameters that the effect cannot take, rows that contact cannot take, a covariance that is not positive definite.
+    /// Parameters that the effect cannot take; rows that contact cannot take; a covariance that is not positive definite.
     fn padded(
         &self,
         campaign: &Campaign,
@@ -237,7 +238,7 @@ impl Search<'_> {
         }))
     }
 
-    /// What was fitted of the effects of a model, together and of no others.
+    /// The fitted model with exactly the effects of `effects`, if there is one.
     fn model_of(&self, effects: &Model) -> Option<&Refined> {
         let mut all = (self.candidates.iter().filter_map(|c| c.refined.as_ref()))
             .chain(self.combinations.iter().map(|c| &c.refined));

@@ -1,36 +1,35 @@
 use crate::noise::{JointNoise, SMOOTHEST};
 use vsf_data::Sequence;
 
-/// Changes below this share of the largest reading are none: numbers stored with fewer digits.
+/// Changes below this share of the largest reading count as none: numbers stored with fewer digits.
 const ALIKE: f64 = 1e-6;
-/// Largest part of a step by which a change of rounded readings may lie beside a multiple of it, and the share of
-/// changes, the smallest ones included, that may be others.
+/// Largest deviation of a change from a multiple of the step, as a share of the step; and share of the changes that may
+/// deviate more, the smallest ones included.
 const OFF: f64 = 0.01;
 const OTHERS: f64 = 0.01;
-/// Noise of a third of a step and more makes errors of rounding white. With less, differences are below this share of a
-/// step; or, where they take jumps for noise, more than that share of the readings are as the ones before.
+/// Noise of a third of a step or more makes rounding errors white. With less, the noise found in differences is below this
+/// share of a step; or, if it takes jumps for noise, more than this share of the readings equal the previous one.
 const DITHER: f64 = 0.5;
 const SAME: f64 = 0.5;
-/// Fewest changes of readings from which a step is told.
+/// Fewest changes of readings from which a step is determined.
 const FEWEST: usize = 3;
 /// Standard deviation of rounded noise of a third of a step, in steps.
 const MOST: f64 = 0.45;
 
 /// What rounding adds to the noise of a joint whose readings come in steps.
 ///
-/// Next to noise that is small against the step, the error of rounding is a sawtooth of the signal: it lasts
-/// while the signal stays in a step, and differences of neighboring samples miss it, or take the jumps from step to
-/// step for noise.
+/// If the noise is small compared with the step, the rounding error is a sawtooth of the signal. It lasts while the signal
+/// stays in a step. Differences of neighboring samples miss it, or take the jumps between steps for noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rounding {
     /// Distance of neighboring readings (N m or N).
     pub(crate) step: f64,
-    /// Share of the readings that are as the ones before.
+    /// Share of the readings that equal the previous one.
     same: f64,
 }
 
 impl Rounding {
-    /// Of the readings of joint `j` as recorded; `None` when any number occurs.
+    /// Rounding of the readings of joint `j` as recorded; `None` if they are not in steps.
     pub(crate) fn of(sequences: &[&Sequence], j: usize) -> Option<Self> {
         let readings = sequences.iter().flat_map(|s| s.torques.column(j));
         let largest = readings.fold(0.0, |most: f64, r| most.max(r.abs()));
@@ -53,13 +52,13 @@ impl Rounding {
         (changes.iter().filter(is_other).count() <= few).then_some(Self { step, same })
     }
 
-    /// Whether its errors are not white: noise as it is found in differences misses them, or takes jumps for noise.
+    /// Whether rounding errors are not white. The noise found in differences then misses them, or takes jumps for noise.
     pub(crate) fn lasts(&self, noise: &JointNoise) -> bool {
         noise.sd < DITHER * self.step || self.same > SAME
     }
 
-    /// Noise as it is found in differences, and that of rounding: how long an error lasts differs from motion to
-    /// rest, so that it is taken to be as smooth as noise may be.
+    /// Adds the noise of rounding to the noise found in differences. How long a rounding error lasts differs between motion
+    /// and rest, so it is taken to be as smooth as noise may be.
     pub(crate) fn with(&self, noise: &JointNoise) -> JointNoise {
         JointNoise {
             sd: (noise.sd).clamp(self.step / 12f64.sqrt(), MOST * self.step),

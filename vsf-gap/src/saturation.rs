@@ -1,4 +1,4 @@
-//! Sensors that look saturated, for which no effect stands.
+//! Saturated sensors, which no effect represents.
 
 use crate::notes::number;
 use crate::{Campaign, GapError, Model};
@@ -6,8 +6,8 @@ use vsf_data::TorqueKind;
 use vsf_pipeline::{Saturation, Trace, reading_unit, saturated_joints};
 
 impl Campaign {
-    /// Sensors that read no more from a level on, as the nominal contact shows; none of readings of the actuators, in which
-    /// weight is the most.
+    /// Sensors that read no more from a level on, judged by the nominal contact. Empty for readings of the actuators, in
+    /// which weight dominates.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -20,7 +20,7 @@ impl Campaign {
         Ok(saturated_joints(&traces))
     }
 
-    /// What to say of one of them.
+    /// Note about a saturated sensor.
     pub(crate) fn of_saturation(&self, found: &Saturation) -> String {
         let joint = &self.site.robot.joints()[found.joint];
         format!(

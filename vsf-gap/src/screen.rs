@@ -6,19 +6,18 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// How large an effect is before anything is known: the RMS torque of each of its parameters, as a
-/// share of the RMS reading.
+/// Prior size of an effect: the RMS torque of each of its parameters, as a share of the RMS reading.
 const SIZE: f64 = 0.3;
-/// Nor is it more than so many times the parameter's own scale.
+/// Upper bound of that prior, in scales of the parameter.
 pub(crate) const MOST_SCALES: f64 = 5.0;
-/// What amplitudes of zero may change, as a share of the readings: rounding.
+/// Largest change by zero amplitudes that counts as rounding, as a share of the readings.
 const NEUTRAL: f64 = 1e-6;
 
-/// The change of the predicted torques with each amplitude of an effect, from the nominal model.
+/// Derivative of the predicted torques with respect to each amplitude of an effect, at the nominal model.
 pub(crate) struct Tangent {
     /// The effect.
     pub(crate) effect: Arc<dyn Effect>,
-    /// All of its parameters where the tangent was taken; amplitudes are zero.
+    /// All parameters at the point of the tangent; amplitudes are zero.
     pub(crate) start: Vec<f64>,
     /// Indices of the amplitudes that may act, among the parameters.
     pub(crate) amplitudes: Vec<usize>,
@@ -26,43 +25,43 @@ pub(crate) struct Tangent {
     pub(crate) sd: Vec<f64>,
     /// Bounds of each amplitude.
     pub(crate) bounds: Vec<[f64; 2]>,
-    /// Nats that it costs to be one of several sets of amplitudes that may act, each as likely before.
+    /// Cost (nats) of being one of several sets of amplitudes that may act, each equally likely a priori.
     pub(crate) choice: f64,
     /// One column per amplitude.
     pub(crate) columns: Vec<Vec<f64>>,
 }
 
 impl Tangent {
-    /// Whether it changes any torque.
+    /// Whether the effect changes any torque.
     pub(crate) fn shows(&self) -> bool {
         self.columns.iter().flatten().any(|torque| *torque != 0.0)
     }
 }
 
-/// What screening finds about one tangent.
+/// Result of screening for one tangent.
 #[derive(Clone)]
 pub(crate) struct Screened {
     /// Index of the tangent.
     pub(crate) tangent: usize,
-    /// Log evidence with the effect, roughness averaged (nats, without constants).
+    /// Log evidence with the effect, averaged over roughness (nats, without constants).
     pub(crate) log_evidence: f64,
-    /// The roughness under which it does best, among those tried.
+    /// The best roughness among those tried.
     pub(crate) spread: Spread,
-    /// The fit there.
+    /// The fit under that roughness.
     pub(crate) fit: Fit,
 }
 
-/// Evidence of the nominal model and of every candidate.
+/// Log evidence of the nominal model and of every candidate.
 pub(crate) struct Screening {
     /// Log evidence of the nominal model at each spread.
     pub(crate) nominal: Vec<f64>,
-    /// What the readings tell at each spread of the amplitudes of every tangent.
+    /// Information of the readings on the amplitudes of every tangent, at each spread.
     pub(crate) normals: Vec<Vec<Normal>>,
     /// The candidates, in the order of the tangents.
     pub(crate) candidates: Vec<Screened>,
 }
 
-/// Log of the mean of exponentials.
+/// Log of the mean of the exponentials.
 pub(crate) fn log_mean_exp(x: &[f64]) -> f64 {
     let top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !top.is_finite() {
@@ -72,7 +71,7 @@ pub(crate) fn log_mean_exp(x: &[f64]) -> f64 {
     top + (sum / x.len() as f64).ln()
 }
 
-/// Index of the largest number; 0 without any.
+/// Index of the largest number; 0 if there are none.
 pub(crate) fn best_of(x: &[f64]) -> usize {
     (0..x.len())
         .max_by(|a, b| x[*a].total_cmp(&x[*b]))
@@ -80,7 +79,7 @@ pub(crate) fn best_of(x: &[f64]) -> usize {
 }
 
 impl Campaign {
-    /// Tangents of every start of an effect added to a model.
+    /// Tangents for every start of an effect added to a model.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -176,8 +175,8 @@ impl Campaign {
             .collect())
     }
 
-    /// Torques over windows of a model that differs a little from the fitted one, whose torques
-    /// are `known`: by parameter `p`.
+    /// Torques over windows of a model that differs slightly, in parameter `p`, from the fitted one, whose torques are
+    /// `known`.
     ///
     /// # Errors
     /// Rows that contact cannot take.
@@ -213,10 +212,10 @@ impl Campaign {
     }
 }
 
-/// What is left of a column that others explain (share of its square): rounding.
+/// Remainder of a column that others explain (share of its square) that counts as rounding.
 const NOTHING_LEFT: f64 = 1e-20;
 
-/// Makes every column orthogonal to column `k`, of which all before it were taken out, and whose square was `whole`
+/// Makes every column orthogonal to column `k`. All columns before `k` were already removed from it; `whole` was its square
 /// before that.
 fn take_out(all: &mut Mat<f64>, k: usize, whole: f64) {
     let along = all.col_as_slice(k).to_vec();
@@ -243,18 +242,19 @@ fn rms(x: &[f64]) -> f64 {
     (square(x) / x.len().max(1) as f64).sqrt()
 }
 
-/// The nominal model and every tangent under one spread.
+/// The nominal model and every tangent, under one spread.
 struct Under {
     nominal: f64,
     normals: Vec<Normal>,
     fits: Vec<Option<Fit>>,
 }
 
-/// The evidence of every tangent, at all spreads. `free` are the torques of the field that the tangents were taken
-/// at, and their changes with what else was fitted.
+/// The evidence of every tangent, at all spreads.
 ///
-/// These were fitted to the same readings: a tangent that resembles their torques explains them for free, and one
-/// whose part they took would explain nothing. They are therefore free in every model, the nominal one too.
+/// `free` are the torques of the field at which the tangents were taken, and their derivatives with respect to whatever
+/// else was fitted. These were fitted to the same readings, so a tangent that resembles them would explain their share for
+/// free, and one whose share they took would explain nothing. They are therefore free in every model, including the nominal
+/// one.
 ///
 /// # Errors
 /// A covariance that is not positive definite.

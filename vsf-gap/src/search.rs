@@ -1,4 +1,4 @@
-//! The search on the train sequences: screening, and finalists that are fitted with the field.
+//! The search on the train sequences: screening, then finalists that are fitted together with the field.
 
 use crate::base::Base;
 use crate::diagnose::DiagnosisStep;
@@ -17,68 +17,68 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Effects that are fitted together with the field after screening.
+/// Number of effects that are fitted together with the field after screening.
 const FINALISTS: usize = 6;
-/// From this gain on (nats) an effect explains so much that the stiffness may vary less than it seemed.
+/// An effect with at least this gain (nats) explains so much that the stiffness may vary less than it seemed.
 const MUCH: f64 = 50.0;
-/// An effect that screening puts so far below the best (nats) is no finalist, unless it moves contacts ([`LITTLE`]).
+/// An effect this far below the best one in screening (nats) is no finalist, unless it moves contacts ([`LITTLE`]).
 const HOPELESS: f64 = 400.0;
-/// Screening says little of effects that move contacts: all of them are fitted where one of them leads, or where what leads
+/// Screening says little about effects that move contacts. All of them are fitted if one of them leads, or if the leader
 /// gains no more than this (nats).
 const LITTLE: f64 = 400.0;
 
-/// Why an effect that the recording lacks nothing for cannot be tested all the same.
+/// Why an effect cannot be tested although the recording meets its needs.
 const UNSEEN: &str = "a small effect of this kind changes none of the train readings";
 
-/// What the search found.
+/// Result of the search.
 pub(crate) struct Search<'a> {
     /// The nominal model, fitted.
     pub(crate) nominal: Fitted<'a>,
-    /// Its stiffness per rest point (N/m), not negative.
+    /// Stiffness of the nominal model per rest point (N/m), not negative.
     pub(crate) field: Vec<f64>,
-    /// The spread that suits it best.
+    /// The spread that suits the nominal model best.
     pub(crate) spread: Spread,
     /// The log evidence of the nominal model (nats, without constants).
     pub(crate) base: f64,
-    /// One stiffness everywhere, alone and with effects.
+    /// A uniform stiffness, alone and with effects.
     pub(crate) plainly: Plainly,
     /// The effects that the recording can show, best first.
     pub(crate) candidates: Vec<Candidate>,
-    /// Models of several of them, shorter ones first.
+    /// Models with several effects, shorter ones first.
     pub(crate) combinations: Vec<Combination>,
-    /// Whether a trial will demand that models close most of the gap: roughness that effects take away does not count
-    /// against them then.
+    /// Whether a trial will require that models close most of the gap. Roughness that effects remove then does not count
+    /// against them.
     proven: bool,
-    /// The effects that it cannot show, and why.
+    /// The effects that the recording cannot show, each with the reason.
     pub(crate) untestable: Vec<(Arc<dyn Effect>, String)>,
-    /// The changes that effects make at their starts.
+    /// Derivatives of the torques at the starts of all effects.
     pub(crate) tangents: Vec<Tangent>,
-    /// How large each of them has to be to show, by name.
+    /// The size from which each effect shows, by name.
     pub(crate) limits: BTreeMap<String, Vec<Limit>>,
 }
 
-/// An effect, as far as the search came with it.
+/// An effect, as far as the search has tested it.
 pub(crate) struct Candidate {
     pub(crate) effect: Arc<dyn Effect>,
-    /// What screening found at its best start, and the gain there (nats).
+    /// Result of screening at its best start, and the gain there (nats).
     pub(crate) found: Screened,
     pub(crate) screened: f64,
-    /// The model with it alone, if it was fitted.
+    /// The model with this effect alone, if it was fitted.
     pub(crate) refined: Option<Refined>,
 }
 
-/// What effects are measured against.
+/// The reference that effects are compared with.
 pub(crate) struct Standard {
     /// Log evidence of the nominal model.
     pub(crate) base: f64,
-    /// The spread that suits it best, within the lattice of the stiffness.
+    /// The spread that suits the nominal model best, within the lattice of the stiffness.
     pub(crate) spread: Spread,
-    /// From this log evidence on an effect gets a spread of its own.
+    /// An effect with at least this log evidence gets a spread of its own.
     much: f64,
 }
 
 impl Candidate {
-    /// Gain of log evidence (nats); in screening if it was not fitted.
+    /// Gain of log evidence (nats); from screening if the effect was not fitted.
     pub(crate) fn score(&self, base: f64) -> f64 {
         match &self.refined {
             Some(refined) => refined.log_evidence - base,
@@ -88,8 +88,8 @@ impl Candidate {
 }
 
 impl Search<'_> {
-    /// All models that were fitted; those of several effects if they earned it, or if the whole `completes` the
-    /// longest part of it that stands.
+    /// All models that were fitted. A model of several effects is included if it earned its place, or if the whole
+    /// `completes` the longest part of it that is included.
     pub(crate) fn hypotheses(
         &self,
         completes: impl Fn(&Refined, &Refined) -> Result<bool, GapError>,
@@ -116,7 +116,7 @@ impl Search<'_> {
             .collect())
     }
 
-    /// A model as a hypothesis, see [`Search::hypotheses`].
+    /// A model as a hypothesis; see [`Search::hypotheses`].
     pub(crate) fn hypothesis<'a>(&self, refined: &'a Refined) -> Hypothesis<'a> {
         let rough = if self.proven {
             self.spread.contact.min(refined.spread.contact)
@@ -133,21 +133,21 @@ impl Search<'_> {
         of.refined.as_ref()
     }
 
-    /// The energy of the readings over windows that the nominal model leaves.
+    /// Energy of the readings over windows that the nominal model leaves.
     pub(crate) fn left(&self) -> f64 {
         let predicted = self.nominal.predicted(&self.field);
         let readings = self.nominal.readings.iter();
         readings.zip(&predicted).map(|(y, p)| (y - p).powi(2)).sum()
     }
 
-    /// The share of the energy of the readings that the nominal model leaves.
+    /// Share of the energy of the readings that the nominal model leaves.
     pub(crate) fn share_left(&self) -> f64 {
         let energy: f64 = self.nominal.readings.iter().map(|y| y * y).sum();
         self.left() / energy.max(f64::MIN_POSITIVE)
     }
 }
 
-/// Sorts candidates by what they gain; those that were fitted come before the others.
+/// Sorts candidates by their gains. Fitted candidates come before the others.
 fn best_first(candidates: &mut [Candidate], base: f64) {
     candidates.sort_by(|a, b| {
         let fitted = |c: &Candidate| c.refined.is_some();
@@ -181,11 +181,11 @@ pub(crate) fn best_starts(
 }
 
 impl Campaign {
-    /// Searches the effects for what explains the train sequences; for `proven` see [`Search`].
+    /// Searches the effects that explain the train sequences. For `proven`, see [`Search`].
     ///
     /// # Errors
-    /// Effects whose parameters or starts cannot be, rows that contact cannot take, covariances that
-    /// are not positive definite.
+    /// Effects with invalid parameters or starts; rows that contact cannot take; covariances that are not positive
+    /// definite.
     pub(crate) fn search(
         &self,
         effects: &[Arc<dyn Effect>],
@@ -298,7 +298,7 @@ impl Campaign {
         })
     }
 
-    /// Fits the candidates that promise most, and sorts all.
+    /// Fits the most promising candidates, and sorts all.
     fn finalists(
         &self,
         tangents: &[Tangent],
@@ -337,7 +337,7 @@ impl Campaign {
         Ok(())
     }
 
-    /// Fits the nominal model with the effect of a candidate alone, from what screening found of it.
+    /// Fits the nominal model with the effect of a candidate alone, starting from the result of screening.
     pub(crate) fn fit_alone(
         &self,
         candidate: &mut Candidate,

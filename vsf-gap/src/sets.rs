@@ -1,4 +1,4 @@
-//! Models of several effects: what single ones leave is searched for further ones.
+//! Models of several effects: further effects are searched in what single ones leave.
 
 use crate::effect::EVIDENT;
 use crate::evidence::Spread;
@@ -11,33 +11,35 @@ use crate::{Acts, Campaign, Effect, GapError, Model};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Further effects that are tried beside those found, by what screening promises of them; in free air, where a fit takes
-/// a moment, more. It promises little of effects that move contacts, whatever they gain: beside one that shows in the air, which
-/// they do not imitate, all of them are tried where it leaves contact rough.
+/// Number of further effects that are tried beside those found, in the order of screening; in free air, where a fit is
+/// fast, more are tried.
+///
+/// Screening promises little for effects that move contacts, whatever they gain. Beside an effect that shows in the air,
+/// which they do not imitate, all of them are tried if contact stays rough.
 const FURTHER: usize = 4;
 const FURTHER_IN_AIR: usize = 6;
-/// Models of each length that are looked into further, and further effects that each is kept with in free air.
+/// Models of each length that are extended further, and further effects kept for each in free air.
 const KEPT: usize = 3;
 const BRANCHES: usize = 2;
-/// Most effects of a model.
+/// Most effects in a model.
 const MOST_EFFECTS: usize = 4;
 
-/// A model of several effects.
+/// A model with several effects.
 pub(crate) struct Combination {
     pub(crate) refined: Refined,
-    /// Whether each effect (with contact, the last) gains more than what may be wrong with the forms of the others. Else all
-    /// together have to explain nearly all that the longest part of them leaves that stands.
+    /// Whether each effect (with contact, the last one) gains more than what errors in the forms of the others may explain.
+    /// If not, all together have to explain nearly all that the longest accepted part of them leaves.
     pub(crate) earned: bool,
 }
 
-/// A model with one more effect, and which that is.
+/// A model with one more effect, and that effect.
 struct Further {
     refined: Refined,
     effect: Arc<dyn Effect>,
 }
 
-/// Adds a model to others, in place of one of the same effects that does worse. Whether one is earned is a matter of its
-/// effects, and not looked into on every way to it.
+/// Adds a model to others, replacing one with the same effects that does worse. Whether a set of effects earned its place
+/// is not checked again for every way to it.
 fn add(models: &mut Vec<Combination>, new: Combination) {
     let is_same = |m: &&mut Combination| m.refined.model.has_effects_of(&new.refined.model);
     match models.iter_mut().find(is_same) {
@@ -51,7 +53,7 @@ fn add(models: &mut Vec<Combination>, new: Combination) {
     }
 }
 
-/// Gives candidates the fits of their effects alone that do better than their own.
+/// Replaces the models of candidates by better fits of the same single effects.
 fn keep_better(candidates: &mut [Candidate], singles: Vec<Combination>) {
     for Combination { refined, .. } in singles {
         let is_of = |c: &&mut Candidate| refined.model.has(c.effect.name());
@@ -81,11 +83,13 @@ fn best_first<T>(models: &mut [T], worth: impl Fn(&T) -> f64) {
 }
 
 impl Campaign {
-    /// Models of several effects, shorter ones first. Those of their effects that were not fitted alone are then; with
-    /// contact, those that would earn a place beside the best one.
+    /// Models of several effects, shorter ones first.
+    ///
+    /// Effects in them that were not fitted alone are fitted alone afterward; with contact, those that would earn a place
+    /// beside the best one.
     ///
     /// # Errors
-    /// Those of fits: rows that contact cannot take, covariances that are not positive definite.
+    /// Those of fits: rows that contact cannot take; covariances that are not positive definite.
     pub(crate) fn combinations(
         &self,
         tangents: &[Tangent],
@@ -100,9 +104,10 @@ impl Campaign {
         }
     }
 
-    /// The best single effect and each of those that earn a place beside it, and so on from the best of these. With it go
-    /// others that explain about as much, since what is beside it may have bent its form: each with the effects that earned a
-    /// place beside the best.
+    /// Combines the best single effect with each one that earns a place beside it, and so on from the best of these sets.
+    ///
+    /// Other effects that explain about as much are tried in place of the first, since what is beside it may have bent its
+    /// form. Each is combined with the effects that earned a place beside the best one.
     fn sets_in_contact(
         &self,
         tangents: &[Tangent],
@@ -201,8 +206,8 @@ impl Campaign {
         Ok(found)
     }
 
-    /// Whether a model gains by each of its effects but the last what that needs, over the best of the `shorter` models without it
-    /// and a new fit.
+    /// Whether each effect of a model but the last gains what it needs, compared with the best of the `shorter` models
+    /// without it and with a new fit.
     fn needs_those_before(
         &self,
         refined: &Refined,
@@ -226,15 +231,15 @@ impl Campaign {
         Ok(true)
     }
 
-    /// A model without one of its effects, by its place, fitted anew.
+    /// A model without the effect at index `part`, fitted anew.
     fn refined_without(&self, refined: &Refined, part: usize) -> Result<Refined, GapError> {
         let name = refined.model.parts[part].0.name();
         let (model, prior) = refined.without(|e| e.name() == name);
         self.refine(&model, prior, &refined.spread)
     }
 
-    /// What a model gains over another (nats) of the readings where neither touches anything, as both are fitted: the log of a
-    /// ratio of likelihoods, which does not count what parameters cost. Of the spread only what is beside roughness.
+    /// Gain of a model over another (nats) from the readings where neither touches anything, both as they are fitted. It is
+    /// a log likelihood ratio, so the cost of parameters does not count. Of the spread, only what is not roughness is used.
     fn gain_in_air(&self, model: &Model, other: &Model, spread: &Spread) -> Result<f64, GapError> {
         let [own, others] = [model, other].map(|m| self.fitted(m, self.train.iter()));
         let (own, others) = (own?, others?);
@@ -244,8 +249,8 @@ impl Campaign {
         Ok(own.log_density_in(&rows, spread)? - others.log_density_in(&rows, spread)?)
     }
 
-    /// The best models of each length, which go on from the best shorter ones; and from those that do better than they, found where
-    /// a further effect makes one before it needless.
+    /// The best models of each length, extended from the best shorter ones. Where a further effect makes an earlier one
+    /// needless, models that do better than these are extended, too.
     fn sets_in_air(
         &self,
         tangents: &[Tangent],
@@ -303,8 +308,8 @@ impl Campaign {
         Ok(found)
     }
 
-    /// The best models with one more effect, of which none of those before can be spared; and models of as many effects
-    /// as before that do better, with the new one instead of another.
+    /// The best models with one more effect, in which no earlier effect can be spared; and models with as many effects as
+    /// before that do better with the new one in place of another.
     fn longer(
         &self,
         shorter: &Combination,
@@ -355,8 +360,8 @@ impl Campaign {
         Ok((longer, instead))
     }
 
-    /// A fitted model with one of some effects that it does not have, for those that promise most, and `all_that_move` contacts
-    /// if asked for, and that gain enough.
+    /// A fitted model with one of some effects that it does not have, for the most promising ones that gain enough. If
+    /// `all_that_move` is set, all effects that move contacts are tried.
     fn extended(
         &self,
         best: &Refined,

@@ -1,4 +1,4 @@
-//! The spread of the stiffness, and the roughness of contact and of joints, that readings call for.
+//! Fits the spread of the stiffness, and the roughness of contact and of joints, to readings.
 
 use crate::GapError;
 use crate::evidence::Spread;
@@ -6,22 +6,22 @@ use crate::fitted::Fitted;
 use crate::screen::best_of;
 use rayon::prelude::*;
 
-/// Roughness of contact and of joints that are tried.
+/// Values tried for the roughness of contact and of joints.
 pub(crate) const CONTACT: [f64; 3] = [0.03, 0.1, 0.3];
 pub(crate) const JOINT: [f64; 3] = [0.0, 0.05, 0.2];
-/// Random walks of effects that are tried, in their own sizes.
+/// Values tried for the random walks of effects, in their own sizes.
 const WALK: [f64; 3] = [0.0, 0.1, 0.3];
-/// Spread of single points and of the smooth part, in units of the uniform stiffness.
+/// Values tried for the spread of single points and of the smooth part, in units of the uniform stiffness.
 const POINT: [f64; 3] = [0.3, 1.0, 3.0];
 const SMOOTH: [f64; 3] = [0.3, 1.0, 3.0];
 const LEVEL: f64 = 3.0;
-/// Factors by which both are raised further where the largest suits best, as where a few layers are a
-/// hundred times as stiff as the rest; most times that they are.
+/// Factor by which both are raised further if the largest value suits best, as where a few layers are a hundred times as
+/// stiff as the rest; and the number of times at most.
 const RAISE: f64 = 3.0;
 const MOST_RAISED: usize = 4;
-/// Nats for which a spread is raised once more.
+/// Smallest gain (nats) for which a spread is raised once more.
 const WORTH_RAISING: f64 = 1.0;
-/// A uniform stiffness that differs by less than this factor calls for no other spread.
+/// A uniform stiffness that differs by less than this factor needs no other spread.
 const RESCALE: f64 = 1.4;
 
 impl Fitted<'_> {
@@ -67,8 +67,7 @@ impl Fitted<'_> {
         Ok(best.0)
     }
 
-    /// A spread of the stiffness that suits best within the lattice, or a larger one where it lies at its
-    /// upper edge.
+    /// The best spread of the stiffness within the lattice, or a larger one if it lies at the upper edge of the lattice.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -89,8 +88,8 @@ impl Fitted<'_> {
         Ok(best.0)
     }
 
-    /// The spread with the largest evidence among one, whose evidence is known, and those with its parts of
-    /// single points and of the smooth field times pairs of factors.
+    /// The spread with the largest evidence, among a given one with known evidence and those whose parts for single points
+    /// and the smooth field are multiplied by pairs of factors.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -117,9 +116,8 @@ impl Fitted<'_> {
         ))
     }
 
-    /// A spread of the stiffness that was chosen for another model, or the same in proportion to this
-    /// model's own uniform stiffness: what has the larger evidence. Where contact changes much, so
-    /// does the stiffness that explains the readings.
+    /// A spread of the stiffness chosen for another model, or the same in proportion to this model's own uniform stiffness,
+    /// whichever has the larger evidence. Where contact changes much, so does the stiffness that explains the readings.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -136,7 +134,7 @@ impl Fitted<'_> {
         }
     }
 
-    /// That spread of the stiffness with every roughness that is tried.
+    /// The spread with every combination of roughness that is tried.
     pub(crate) fn roughness(&self, stiffness: &Spread) -> Vec<Spread> {
         let contact: &[f64] = if self.touches() {
             &CONTACT

@@ -5,23 +5,24 @@ use crate::screen::{MOST_SCALES, Screened, Tangent, best_of};
 use crate::{Acts, Campaign, GapError, Model, Parameter, Role, Site};
 use rayon::prelude::*;
 
-/// Sizes of the steps of single parameters, in scales, large ones first, in the search for a start of
-/// effects that move surfaces; most rounds of it; most steps of one scale that follow one that was taken,
-/// along it; and the nats for which a step is taken.
+/// Parameters of the search for a start of effects that move surfaces: the step sizes of single parameters, in scales,
+/// large ones first; most rounds; most further steps of one scale along a step that was taken; and the gain (nats) for
+/// which a step is taken.
 const EXCURSIONS: [f64; 2] = [3.0, 1.0];
 const MOST_ROUNDS: usize = 6;
 const MOST_FOLLOWING: usize = 3;
 const WORTHWHILE: f64 = 6.0;
-/// Of more points than this, each is moved alone in the search for a start of several amplitudes: they lie so close that
-/// what is around them matters little, and there is much of it.
+/// With more points than this, the search for a start of several amplitudes runs contact for the points alone, without
+/// subdivision. They lie so close together that what is around them matters little, and there is much of it.
 const MANY: usize = 20_000;
-/// Prior deviation of shapes, in scales, that is not exceeded however wide their bounds.
+/// Largest prior deviation of shapes, in scales, however wide their bounds.
 const WIDEST: f64 = 50.0;
 
 impl Tangent {
-    /// Prior of all parameters, those that may not act held at zero. Screening bounds amplitudes by the
-    /// torques that they cause; of surfaces that move, torques are no measure, since contact and stiffness
-    /// change with them.
+    /// Prior of all parameters; those that may not act are held at zero.
+    ///
+    /// Screening bounds amplitudes by the torques that they cause. For surfaces that move, torques are no measure, since
+    /// contact and stiffness change with them.
     pub(crate) fn prior(&self, site: &Site) -> Prior {
         let parameters = self.effect.parameters(site);
         let mut sd: Vec<f64> = (parameters.iter())
@@ -47,8 +48,8 @@ impl Tangent {
 }
 
 impl Campaign {
-    /// Where to start the fit of an effect: what screening found, or, for effects that move
-    /// surfaces by more than contact answers linearly, what a search along single parameters finds.
+    /// Start for the fit of an effect: the result of screening or, for effects that move surfaces beyond the linear range
+    /// of contact, that of a search along single parameters.
     pub(crate) fn start(
         &self,
         base: &Model,
@@ -141,15 +142,15 @@ impl Campaign {
     }
 }
 
-/// `theta` and `by` times `way` further, within bounds.
+/// `theta` moved by `by` times `way`, within bounds.
 fn moved(parameters: &[Parameter], theta: &[f64], way: &[f64], by: f64) -> Vec<f64> {
     (parameters.iter().zip(theta).zip(way))
         .map(|((p, t), w)| (t + by * w).clamp(p.bounds[0], p.bounds[1]))
         .collect()
 }
 
-/// Ways up and down by one scale of every amplitude of the whole session that may act on its own; of compliances, which
-/// cannot be negative, of all together as well.
+/// Search directions: up and down by one scale, for every amplitude of the whole session that may act on its own. For
+/// compliances, which cannot be negative, also all of them together.
 fn ways(prior: &Prior) -> Vec<Vec<f64>> {
     let parameters = &prior.parameters;
     let moves = |i: usize| {

@@ -1,4 +1,4 @@
-//! The trial on the sequences that no model was fitted to: what is named has to stand it.
+//! The trial on the sequences that no model was fitted to, which a named model has to pass.
 
 use crate::closure::{Closure, Residuals, closure, noise_norm};
 use crate::effect::Need;
@@ -16,64 +16,64 @@ use std::sync::Arc;
 use vsf_core::median;
 use vsf_data::{TorqueKind, tare};
 
-/// Samples of a block of free motion.
+/// Samples in a block of free motion.
 const BLOCK: usize = 16;
-/// Fewest blocks whose median tells noise from more.
+/// Fewest blocks whose median can tell noise from more.
 const FEWEST: usize = 8;
-/// What is left in free motion is noticed from so many times the noise of a sample on, and from this share of
-/// the readings' RMS on; it remains if it is more than this share, half of the energy, of what the nominal
-/// model leaves.
+/// Residuals in free motion are noticed from this many times the noise of a sample on, and from this share of the readings'
+/// RMS on. They remain if they are more than this share, half of the energy, of what the nominal model leaves.
 const NOTICED: f64 = 0.5;
 const LEAST: f64 = 0.01;
 const REMAINS: f64 = 0.7;
-/// Correlation of innovations from window to window from which on something acts that the model does not have:
-/// of models that were right it was 0.27 at most. Unless nothing is touched: then the form of friction is what is left.
+/// Correlation of innovations between windows from which on something acts that the model does not have. For correct models
+/// it was 0.27 at most. If nothing is touched, it does not count: then the form of friction is what is left.
 const PERSISTENT: f64 = 0.35;
-/// The share of what some effects leave that further ones have to take where they gain little beside them.
+/// Share of what some effects leave that further ones have to explain if they gain little beside them.
 const COMPLETE: f64 = 0.8;
-/// Test sequences that are off by so many of the standard deviations that the train sequences lead to expect (root mean
-/// square) contradict these: of recordings that nothing was wrong with it was 2.1 at most, of such with effects 2.4.
+/// The test sequences contradict the train sequences if they deviate by this many of the standard deviations that the
+/// latter predict (root mean square). In recordings with nothing wrong it was 2.1 at most, in recordings with effects 2.4.
 const SURPRISING: f64 = 4.0;
-/// In free air a model that was stopped at a bound has to leave less than this share of what sensors that read nothing
-/// would: further effects take a little of anything.
+/// In free air, a model that was stopped at a bound has to leave less than this share of the error of sensors that read
+/// zero. Further effects explain a little of anything.
 const BARELY: f64 = 0.95;
-/// By so many standard deviations the tare may be off.
+/// Number of standard deviations by which the tare may be off.
 const TARE: f64 = 3.0;
 
-/// The sequences that check models, and what the nominal one leaves there.
+/// The sequences that check models, and the residuals of the nominal model on them.
 pub(crate) struct Trial<'a> {
     whole: &'a Campaign,
-    /// What models are fitted to.
+    /// The campaign that models are fitted to.
     thinned: &'a Campaign,
-    /// The test sequences; of a single sequence, that one.
+    /// The test sequences; if there is only one sequence, that one.
     pub(crate) sequences: &'a [Motion],
     pub(crate) before: Residuals,
     /// Blocks of samples in which nothing is touched: index of the sequence, rows.
     free: Vec<(usize, Range<usize>)>,
-    /// How likely the nominal model makes the test sequences, given the train sequences (nats).
+    /// Log density of the test sequences under the nominal model, given the train sequences (nats).
     log_predictive: f64,
-    /// How far off it is there (standard deviations), if that is too far for what the train sequences show.
+    /// Deviation of the nominal model there (standard deviations), if that is too large for what the train sequences show.
     pub(crate) surprise: Option<f64>,
     seed: u64,
 }
 
-/// A model on these sequences.
+/// Results of a model on these sequences.
 pub(crate) struct Checked {
     /// Its field per rest point (N/m), fitted to the train sequences.
     pub(crate) field: Vec<f64>,
     pub(crate) residuals: Residuals,
     pub(crate) closure: Closure,
-    /// How much likelier it makes the test sequences than the nominal model does, given the train sequences, its parameters
-    /// being as uncertain as these leave them (nats).
+    /// Gain of the log density of the test sequences over the nominal model, given the train sequences, which leave the
+    /// model's parameters uncertain (nats).
     pub(crate) foretold: f64,
-    /// How far innovations on the train sequences persist ([`Fitted::persistence`](crate::fitted::Fitted)).
+    /// Persistence of the innovations on the train sequences ([`Fitted::persistence`](crate::fitted::Fitted)).
     pub(crate) persistence: f64,
-    /// How much like springs what the model leaves to them is ([`Fitted::likeness`](crate::fitted::Fitted)).
+    /// Correlation with spring torques of what the model leaves to the springs
+    /// ([`Fitted::likeness`](crate::fitted::Fitted)).
     pub(crate) likeness: f64,
 }
 
-/// A model as fitted to the train sequences, the factor of its covariance, its field per rest point (N/m), and what it leaves on
-/// the sequences that check models.
+/// A model fitted to the train sequences, the factor of its covariance, its field per rest point (N/m), and its residuals
+/// on the sequences that check models.
 struct Predicted<'a> {
     fitted: Fitted<'a>,
     factor: Factor,
@@ -88,23 +88,23 @@ pub(crate) struct Tried<'a> {
     pub(crate) checked: Checked,
 }
 
-/// What the trial leaves.
+/// Result of the trial.
 pub(crate) struct Judgment<'a> {
     pub(crate) judged: Judged,
-    /// The model that stood it.
+    /// The model that passed.
     pub(crate) named: Option<Tried<'a>>,
-    /// Its mean error and that of the nominal model (N m or N), where it predicts worse: by fields that the trial does not
-    /// know.
+    /// Its mean error and that of the nominal model (N m or N), if it predicts worse. The errors are those of fields that
+    /// the trial does not know.
     pub(crate) worse: Option<[f64; 2]>,
-    /// Those that did not stand it.
+    /// The models that did not pass.
     pub(crate) refused: Vec<Tried<'a>>,
-    /// What is left in free motion (N m or N), where the named model, or the nominal one, leaves much.
+    /// Residuals in free motion (N m or N), if the named model, or the nominal one, leaves much there.
     pub(crate) left_free: Option<f64>,
-    /// How far the innovations of the named model persist, where they persist too far for it to be all.
+    /// Persistence of the innovations of the named model, if it is too large for the model to be complete.
     pub(crate) persistence: Option<f64>,
 }
 
-/// Samples in a row of one touch, after the tare, in which the nominal model touches nothing.
+/// Blocks of consecutive samples of one touch, after the tare, in which the nominal model touches nothing.
 fn free_blocks(sequences: &[Motion], logs: &[Arc<ContactLog>]) -> Vec<(usize, Range<usize>)> {
     let mut blocks = Vec::new();
     for (k, (motion, log)) in sequences.iter().zip(logs).enumerate() {
@@ -124,7 +124,7 @@ fn free_blocks(sequences: &[Motion], logs: &[Arc<ContactLog>]) -> Vec<(usize, Ra
     blocks
 }
 
-/// Number of samples, 1 at least.
+/// Number of samples, at least 1.
 fn samples(of: &[Motion]) -> f64 {
     of.iter().map(Motion::len).sum::<usize>().max(1) as f64
 }
@@ -142,22 +142,23 @@ impl<'a> Judgment<'a> {
         self.named.as_ref().filter(|_| self.worse.is_none())
     }
 
-    /// Whether what the field shows is left to explain, if the named model has `closed` so much of the gap: sensors and
-    /// joints have no part in it, a model that explains most of the gap leaves none, and what is unknown is so.
+    /// Whether it is still open what the field shows, if the named model has `closed` so much of the gap. It is not if the
+    /// corrected model acts on sensors and joints only, if it explains most of the gap, or if the cause is unknown.
     pub(crate) fn leaves_field(&self, closed: f64) -> bool {
         let explains = |t: &Tried<'_>| closed >= MOSTLY || t.refined.model.acts() == Acts::Torques;
         let unknown = self.judged.verdict.kind == VerdictKind::Unknown || self.left_free.is_some();
         !unknown && !self.corrected().is_some_and(explains)
     }
 
-    /// Whether a parameter of the corrected model stopped at a bound of what is plausible; where it `touches`, of an effect
-    /// that does not follow contact.
+    /// Whether a parameter of the corrected model was stopped at a bound of the plausible range. If anything `touches`,
+    /// parameters of effects that follow contact do not count.
     pub(crate) fn is_stopped(&self, touches: bool) -> bool {
         let corrected = self.corrected();
         corrected.is_some_and(|t| t.refined.is_stopped(touches))
     }
 
-    /// Whether the corrected model, with this `error`, hardly predicts better than sensors that read nothing, with theirs.
+    /// Whether the corrected model, with this `error`, predicts hardly better than sensors that read zero, with the error
+    /// `of_silence`.
     pub(crate) fn is_silent(&self, error: f64, of_silence: f64, touches: bool) -> bool {
         let barely = if !touches && self.is_stopped(touches) {
             BARELY
@@ -167,26 +168,26 @@ impl<'a> Judgment<'a> {
         self.corrected().is_some() && error >= barely * of_silence
     }
 
-    /// Names of the named effects of none of whose parameters the data say anything.
+    /// Names of the named effects none of whose parameters the data determine.
     pub(crate) fn vague(&self) -> Vec<String> {
         let named = self.named.iter();
         let vague = named.flat_map(|t| t.refined.vague());
         vague.map(str::to_owned).collect()
     }
 
-    /// How much like springs what the named model leaves to them is, where it is opposite to them.
+    /// Correlation with spring torques of what the named model leaves to the springs, if it is opposite to them.
     pub(crate) fn opposed(&self) -> Option<f64> {
         let likeness = self.named.as_ref()?.checked.likeness;
         opposes(likeness).then_some(likeness)
     }
 
-    /// The effects that did not stand it.
+    /// Names of the effects that did not pass.
     pub(crate) fn names_refused(&self) -> Vec<String> {
         let refused = self.refused.iter();
         refused.flat_map(|t| t.effects.clone()).collect()
     }
 
-    /// Names no model, and so knows nothing of what it leaves.
+    /// Withdraws the named model, and with it what is known of its residuals.
     pub(crate) fn withdraw(&mut self) {
         self.named = None;
         self.persistence = None;
@@ -194,10 +195,10 @@ impl<'a> Judgment<'a> {
 }
 
 impl<'a> Trial<'a> {
-    /// With the nominal model, its field and its spread.
+    /// Starts a trial with the nominal model, its field and its spread.
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; a covariance that is not positive definite.
     pub(crate) fn new(
         whole: &'a Campaign,
         thinned: &'a Campaign,
@@ -236,16 +237,16 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// How far residuals close the gap of the nominal model.
+    /// How far a model with these residuals closes the gap of the nominal model.
     pub(crate) fn closure(&self, after: &Residuals) -> Closure {
         let noise = &self.whole.noise;
         closure(&self.before, after, noise, self.sequences, self.seed)
     }
 
-    /// A model, with the field that the train sequences give it.
+    /// Checks a model with the field that the train sequences give it.
     ///
     /// # Errors
-    /// Rows that contact cannot take, a covariance that is not positive definite.
+    /// Rows that contact cannot take; a covariance that is not positive definite.
     pub(crate) fn of(&self, refined: &Refined) -> Result<Checked, GapError> {
         let Predicted {
             fitted,
@@ -270,7 +271,7 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// The same, before it is judged: how likely the test sequences are takes longer.
+    /// The first part of the check. The log density of the test sequences takes longer.
     ///
     /// # Errors
     /// As [`Trial::of`].
@@ -287,8 +288,8 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Whether further effects take nearly all that a part of the model leaves: what is wrong with the forms of the
-    /// first is nothing that others would mend so well.
+    /// Whether the further effects of `whole` explain nearly all that `part` leaves. Effects that only mend errors in the
+    /// forms of others would not explain that much.
     ///
     /// # Errors
     /// As [`Trial::of`].
@@ -302,8 +303,8 @@ impl<'a> Trial<'a> {
         Ok(left(&whole) < (1.0 - COMPLETE) * left(&part))
     }
 
-    /// Size (N m or N) of what is left of residuals in free motion beyond noise: of what persists, unless all is `perfect`,
-    /// or of what oscillates, which may have been taken for noise. 0 where there is little free motion.
+    /// Size (N m or N) of the residuals in free motion beyond noise: of those that persist, unless all is `perfect`, or of
+    /// those that oscillate, which may have been taken for noise. 0 if there is little free motion.
     fn left_free(&self, residuals: &Residuals, perfect: bool) -> f64 {
         if self.free.len() < FEWEST {
             return 0.0;
@@ -333,8 +334,8 @@ impl<'a> Trial<'a> {
         persists.max(oscillation(&runs, &noise))
     }
 
-    /// The root of the median square of the means of blocks, beyond noise: a few are not free where contact begins earlier
-    /// than the model has it.
+    /// Root of the median squared block mean, beyond noise. The median is robust to a few blocks that are not free because
+    /// contact begins earlier than in the model.
     fn persists(&self, residuals: &Residuals) -> f64 {
         let d = residuals.joints;
         let square_of_mean = |block: &(usize, Range<usize>)| -> f64 {
@@ -356,7 +357,7 @@ impl<'a> Trial<'a> {
         (square - noise).max(0.0).sqrt()
     }
 
-    /// The mean error (N m or N) of sensors that are taken to read nothing.
+    /// Mean error (N m or N) of sensors that are assumed to read zero.
     ///
     /// # Errors
     /// None in practice: a tare is no longer than its sequence.
@@ -385,15 +386,15 @@ impl<'a> Trial<'a> {
         Ok(silence.mean_error())
     }
 
-    /// From which size on (N m or N) what is left in free motion is much.
+    /// Size (N m or N) from which on residuals in free motion are noticed.
     fn noticed(&self) -> f64 {
         let readings = self.sequences.iter().flat_map(|m| m.reading.data());
         let rms = (readings.map(|v| v * v).sum::<f64>() / samples(self.sequences)).sqrt();
         (NOTICED * noise_norm(&self.whole.noise)).max(LEAST * rms)
     }
 
-    /// Samples in windows of these sequences, among those of all, over those in windows of the train sequences: what the
-    /// former may tell of what the latter do.
+    /// Number of samples in windows of the test sequences, among the windows of all, divided by that of the train
+    /// sequences. It scales a gain on the latter to one on the former.
     fn share(&self) -> f64 {
         let train: Vec<&Motion> = self.thinned.train.iter().collect();
         let session = self.thinned.session();
@@ -402,7 +403,7 @@ impl<'a> Trial<'a> {
         tested as f64 / self.thinned.windows(&train).samples(|_| true).max(1) as f64
     }
 
-    /// Judges the hypotheses, and leaves aside the best one as long as it does not stand.
+    /// Judges the hypotheses. The best one is set aside, again and again, as long as it does not pass.
     ///
     /// # Errors
     /// As [`Trial::of`].

@@ -1,30 +1,31 @@
-//! The answer of a diagnosis: what the train sequences show, as far as the check and the field leave it.
+//! The answer of a diagnosis: what the train sequences show, as far as it survives the check on the test sequences and the
+//! field.
 
 use crate::judge::{Judged, effect_set};
 use crate::report::MOSTLY;
 use serde::{Deserialize, Serialize};
 
-/// A hypothesis is named when it has at least this probability.
+/// A hypothesis with at least this probability is named.
 pub(crate) const NAMED: f64 = 0.3;
-/// An answer that leaves more effects than this open beside those that it names is none.
+/// Most effects beside the named ones that an answer may leave open.
 const MOST_OPEN: usize = 4;
 
-/// What a diagnosis concludes.
+/// The kind of conclusion of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VerdictKind {
     /// The named effects explain the gap.
     Effects,
-    /// Nothing is missing from the nominal model that these data could show.
+    /// The nominal model lacks nothing that these data could show.
     NoGap,
     /// Something acts that no effect explains, or none that the train sequences show.
     Unknown,
-    /// Something acts, but these data fit too many effects alike, or an effect as well as a field that differs
-    /// from place to place.
+    /// Something acts, but these data fit too many effects alike, or fit an effect as well as a field that differs from
+    /// place to place.
     NotDiagnosable,
 }
 
-/// In words.
+/// The kind in words.
 impl std::fmt::Display for VerdictKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
@@ -36,29 +37,35 @@ impl std::fmt::Display for VerdictKind {
     }
 }
 
-/// The answer.
+/// The conclusion of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Verdict {
-    /// The effects named; empty for no gap.
+    /// The named effects; empty for no gap.
     pub effects: Vec<String>,
     /// What kind of answer it is.
     pub kind: VerdictKind,
-    /// Its probability. For [`VerdictKind::Unknown`] without effects, that no effect of the search is the cause; with effects,
-    /// theirs among those of the search. All probabilities are under the condition that models which the check on other
-    /// sequences refused are not the cause: these have none.
+    /// Probability of the answer.
+    ///
+    /// For [`VerdictKind::Unknown`] without effects, it is the probability that no effect of the search is the cause; with
+    /// effects, theirs among those of the search. Models that the check on other sequences refused have no probability: all
+    /// probabilities are conditional on these not being the cause.
     pub probability: f64,
-    /// The effects of the likeliest models that, with "no gap", hold 95 % of the probability ([`hidden`](Self::hidden) included,
-    /// unless the answer is "no gap"); and effects that fit well but did not pass the check on other sequences, which
-    /// does not rule them out.
+    /// The 95 % credible set: the effects of the likeliest models that, with "no gap", hold 95 % of the probability.
+    ///
+    /// The probability [`hidden`](Self::hidden) is included, unless the answer is "no gap". The set also contains effects
+    /// that fit well but did not pass the check on other sequences, which does not rule them out.
     pub effect_set_95: Vec<String>,
-    /// Probability that an effect acts which the stiffness field absorbs, mostly one of contact or material. For
-    /// [`VerdictKind::NoGap`] it is also distributed over the effects; for [`VerdictKind::Unknown`] without effects
+    /// Probability that an effect acts that the stiffness field absorbs, mostly one of contact or material.
+    ///
+    /// For [`VerdictKind::NoGap`], it is also distributed over the effects. For [`VerdictKind::Unknown`] without effects,
     /// [`probability`](Self::probability) includes it.
     #[serde(default)]
     pub hidden: f64,
-    /// Effects that were named in the contact in which the search began, which another contact threshold explains as well.
-    /// That one is taken, is no cause, and leaves nothing to them; they stay in the set.
+    /// Effects that were named in the contact in which the search began, but that another contact threshold explains as
+    /// well.
+    ///
+    /// That threshold is then used. It is no cause, and leaves nothing for these effects to explain; they stay in the set.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub or_threshold: Vec<String>,
 }
@@ -79,29 +86,29 @@ impl Verdict {
 pub(crate) struct Findings {
     /// Share of the gap that the corrected model closes.
     pub(crate) closed: f64,
-    /// Effects that the field imitates, best first, where what it shows is left to explain.
+    /// Effects that the field imitates, best first, if it is open what the field shows.
     pub(crate) in_field: Vec<String>,
-    /// Effects that fit well but did not stand the check.
+    /// Effects that fit well but did not pass the check.
     pub(crate) refused: Vec<String>,
-    /// Effects that were looked for, each with the share that it has in what acts without showing.
+    /// Effects that were looked for, each with its share of what acts without showing.
     pub(crate) hidden: Vec<(String, f64)>,
     /// Whether much is left in free motion.
     pub(crate) left_free: bool,
-    /// Whether what the named effects leave lasts.
+    /// Whether the residuals of the named effects persist.
     pub(crate) lasts: bool,
-    /// Whether their parameters stopped at a bound of what is plausible, far from explaining all.
+    /// Whether their parameters stopped at a bound of the plausible range, far from explaining everything.
     pub(crate) stopped: bool,
     /// Whether the test sequences contradict the train sequences under the nominal model.
     pub(crate) contradicted: bool,
-    /// Whether with them nothing is predicted better than by sensors that read nothing.
+    /// Whether the named effects predict nothing better than sensors that read zero would.
     pub(crate) silent: bool,
-    /// Whether what they leave to the springs is opposite to these.
+    /// Whether what they leave to the springs is opposite to spring torques.
     pub(crate) opposed: bool,
-    /// Whether the readings say nothing of any parameter of one of them.
+    /// Whether, for one of the named effects, the readings determine no parameter.
     pub(crate) vague: bool,
     /// Whether nothing is touched, though there are points, and more is left than a known cause leaves.
     pub(crate) untouched: bool,
-    /// Whether sensors look saturated, and far from all is explained.
+    /// Whether sensors look saturated, and far from everything is explained.
     pub(crate) saturated: bool,
 }
 
@@ -109,14 +116,14 @@ pub(crate) struct Findings {
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) verdict: Verdict,
-    /// Those of every effect that was fitted.
+    /// Probability of every effect that was fitted.
     pub(crate) probabilities: Vec<(String, f64)>,
-    /// That none of them acts.
+    /// Probability that none of them acts.
     pub(crate) nothing: f64,
     /// Whether much is left where nothing is touched.
     pub(crate) left_free: bool,
-    /// Whether the cause is unknown since what the named effects leave lasts, or the test sequences contradict the others,
-    /// and for no other reason.
+    /// Whether the cause is unknown only because the residuals of the named effects persist, or because the test sequences
+    /// contradict the train sequences.
     pub(crate) open: bool,
 }
 
@@ -135,7 +142,7 @@ pub(crate) fn kind_of_claim(
 }
 
 impl Judged {
-    /// The answer that is given.
+    /// Draws the conclusion.
     pub(crate) fn conclude(&self, found: &Findings) -> Answer {
         let (mut verdict, mut probabilities) = (self.verdict.clone(), self.probabilities.clone());
         or_field(&mut verdict, &mut probabilities, &found.in_field);
@@ -182,7 +189,7 @@ impl Judged {
         }
     }
 
-    /// Gives effects their shares of what acts without showing.
+    /// Gives effects their shares of the probability of what acts without showing.
     fn spread(
         &self,
         hidden: &[(String, f64)],
@@ -210,8 +217,8 @@ impl Judged {
     }
 }
 
-/// Leaves undecided which of some effects, best first, or the field that imitates them, is the cause: all are
-/// equally likely, and the best one is named. Other effects may act beside the field.
+/// Leaves it open whether one of some effects, best first, or the field that imitates them is the cause. All are equally
+/// likely, and the best effect is named. Other effects may act beside the field.
 fn or_field(verdict: &mut Verdict, probabilities: &mut Vec<(String, f64)>, effects: &[String]) {
     let Some(best) = effects.first() else {
         return;

@@ -2,27 +2,27 @@ use crate::{Campaign, JointNoise, Motion};
 use std::ops::Range;
 use vsf_data::Table;
 
-/// Most numbers (windows times joints) that a diagnosis works with.
+/// Most rows (windows times joints) that a diagnosis works with.
 const MOST_ROWS: usize = 1300;
-/// Longest window where something may be touched (s), unless it is of few samples: over longer ones what effects do
-/// quickly is smeared.
+/// Longest window where something may be touched (s), unless it has few samples. Longer windows smear what effects do
+/// quickly.
 const LONGEST: f64 = 0.35;
-/// Few samples for a window.
+/// Few samples, for a window.
 const FEW: usize = 5;
-/// The longest time of samples that are averaged before contact is run (s), of long recordings: through coarser ones contact
+/// In long recordings, longest time of samples that are averaged before contact is run (s). With coarser samples, contact
 /// is so rough that it looks like padding.
 const COARSEST: f64 = 0.046;
-/// Windows take their places between the next ones by multiples of the golden ratio, which never keep step with touches.
+/// Windows are placed within their intervals by multiples of the golden ratio, so they never fall into step with touches.
 const GOLDEN: f64 = 0.618_033_988_749_895;
-/// Noise that is less correlated is not.
+/// Correlations of noise below this count as zero.
 const FADED: f64 = 1e-9;
 
-/// Samples in a row that are averaged; of long recordings there are some between one window and the next.
+/// Consecutive samples that are averaged. In long recordings, there are samples between one window and the next.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Window {
     /// Index of the sequence.
     pub(crate) sequence: usize,
-    /// Index of the samples in a row that it is cut from: a touch, as a rule.
+    /// Index of the run of consecutive samples that it is cut from, usually a touch.
     pub(crate) run: usize,
     /// Samples.
     pub(crate) rows: Range<usize>,
@@ -31,7 +31,7 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// Whether it is of the same touch as one before it, and less than a window lies between.
+    /// Whether the window is in the same touch as an earlier one, with less than a window between them.
     pub(crate) fn follows(&self, before: &Self) -> bool {
         self.run == before.run && self.rows.start - before.rows.end < before.rows.len()
     }
@@ -59,8 +59,8 @@ impl Windows {
         sequences.map(of).collect()
     }
 
-    /// Windows in places at about equal distances, so that there are not many more than 1300 rows; none across two touches,
-    /// unless there are too many of them. One that is `longest` (s) does not fill its place.
+    /// Windows at about equal distances, such that there are not many more than 1300 rows. None spans two touches, unless
+    /// there are too many touches. A window that reaches `longest` (s) does not fill its interval.
     pub(crate) fn new(motions: &[&Motion], joints: usize, longest: f64) -> Self {
         let spacing = spacing(motions, joints);
         let touches: usize = motions.iter().map(|m| m.touches.len()).sum();
@@ -99,7 +99,7 @@ impl Windows {
         Self { list, joints }
     }
 
-    /// Samples in windows of some sequences.
+    /// Number of samples in windows of some sequences.
     pub(crate) fn samples(&self, of: impl Fn(usize) -> bool) -> usize {
         let own = self.list.iter().filter(|w| of(w.sequence));
         own.map(|w| w.rows.len()).sum()
@@ -110,7 +110,7 @@ impl Windows {
         self.list.len() * self.joints
     }
 
-    /// For every sample of every sequence, its window.
+    /// The window of every sample of every sequence.
     pub(crate) fn index(&self, motions: &[&Motion]) -> Vec<Vec<Option<u32>>> {
         let mut index: Vec<_> = motions.iter().map(|m| vec![None; m.len()]).collect();
         for (i, w) in self.list.iter().enumerate() {
@@ -119,7 +119,7 @@ impl Windows {
         index
     }
 
-    /// Means of a table of each sequence.
+    /// Means over windows of one table per sequence.
     pub(crate) fn means<'a>(&self, tables: impl Fn(usize) -> &'a Table) -> Vec<f64> {
         let mut out = vec![0.0; self.rows()];
         for (w, out) in self.list.iter().zip(out.chunks_mut(self.joints)) {
@@ -132,7 +132,7 @@ impl Windows {
         out
     }
 
-    /// Covariance of the noise: row, column and value of the lower triangle where it matters, the diagonal first.
+    /// Covariance of the noise: row, column and value in the lower triangle, where it matters, the diagonal first.
     pub(crate) fn noise(&self, noise: &[JointNoise]) -> Vec<(usize, usize, f64)> {
         let d = self.joints;
         let mut entries = Vec::with_capacity(2 * self.rows());
@@ -155,8 +155,8 @@ impl Windows {
         entries
     }
 
-    /// By how much (standard deviation) what a tare took for zero shifts every row: the noise of its mean, one
-    /// error per joint and sequence. Samples of the tare itself have no mean.
+    /// Standard deviation of the shift of every row by the tare: the noise of the tare's mean, one error per joint and
+    /// sequence. Samples of the tare itself have zero mean.
     pub(crate) fn zeros(&self, motions: &[&Motion], noise: &[JointNoise]) -> Vec<f64> {
         let of = |w: &Window| {
             let tare = motions[w.sequence].tare;
@@ -171,13 +171,13 @@ impl Windows {
     }
 }
 
-/// Samples from one window to the next.
+/// Number of samples from one window to the next.
 fn spacing(motions: &[&Motion], joints: usize) -> usize {
     let samples: usize = motions.iter().map(|m| m.len()).sum();
     (samples * joints).div_ceil(MOST_ROWS).max(1)
 }
 
-/// Samples in so much time (s), by the mean of their steps; without a step, none.
+/// Number of samples in a time (s), by the mean of their steps; none without a step.
 fn samples_within(time: f64, clock: &[f64]) -> usize {
     match clock {
         [first, .., last] => (time * (clock.len() - 1) as f64 / (last - first)) as usize,
@@ -186,7 +186,8 @@ fn samples_within(time: f64, clock: &[f64]) -> usize {
 }
 
 impl Campaign {
-    /// Windows of some sequences. In free air means over any time are those of the model, too.
+    /// Windows of some sequences. In free air they may be of any length, since means over any time are also those of the
+    /// model.
     pub(crate) fn windows(&self, motions: &[&Motion]) -> Windows {
         let longest = if self.site.rest.is_empty() {
             f64::INFINITY
@@ -196,8 +197,8 @@ impl Campaign {
         Windows::new(motions, self.site.joints(), longest)
     }
 
-    /// How many samples may be averaged into one before contact is run: a fifth of a window of the train sequences; of
-    /// recordings so long that windows leave samples out, of no touch too many.
+    /// How many samples may be averaged into one before contact is run: a fifth of a window of the train sequences. In
+    /// recordings so long that windows skip samples, not too many of any touch.
     pub(crate) fn averaged(&self) -> usize {
         let motions: Vec<&Motion> = self.train.iter().collect();
         let touches = || {

@@ -4,8 +4,10 @@ use vsf_core::{ContactModel, Contacts, LinkChains, Posture, RestPoints};
 
 type Property<'a, C> = fn(&Suite<'a, C>);
 
-/// Checks that a contact model keeps the promises of [`ContactModel`]. `make` builds one before its first touch; the
-/// robot goes along `path`, and has to touch some of the points of `rest` on it.
+/// Checks that a contact model keeps the promises of [`ContactModel`].
+///
+/// `make` builds a model before its first touch. The robot moves along `path`, on which it has to touch some of the points
+/// of `rest`.
 ///
 /// | property |
 /// | --- |
@@ -13,11 +15,11 @@ type Property<'a, C> = fn(&Suite<'a, C>);
 /// | contacts are of points and links that there are, with normals of unit length |
 /// | what `out` held before does not matter |
 /// | reset forgets all contacts |
-/// | postures that are not finite or were never written are refused; those without links are, or touch nothing |
+/// | postures that are not finite or were never written are refused; those without links are refused, or touch nothing |
 /// | an error leaves the contact state unchanged |
 ///
 /// # Panics
-/// With the name of the property that does not hold, or when nothing is touched on the path.
+/// With the name of the property that does not hold, or if nothing is touched on the path.
 ///
 /// ```
 /// use vsf_core::{RestPoints, nalgebra::Point3};
@@ -120,7 +122,7 @@ impl<C: ContactModel> Suite<'_, C> {
         same(&self.run(&mut model), &expected);
     }
 
-    /// Postures with a number that is none, never written, and of a robot without links.
+    /// Invalid postures: with a number that is not finite, never written, and of a robot without links.
     fn bad(&self) -> Vec<(&'static str, Posture)> {
         let (good, chains) = (&self.path[0], self.path[0].chains());
         let mut not_finite = good.clone();
@@ -174,7 +176,7 @@ impl<C: ContactModel> Suite<'_, C> {
     }
 }
 
-/// Equal at every posture.
+/// Asserts equality at every posture.
 fn same(got: &[Contacts], expected: &[Contacts]) {
     if let Some(k) = (0..expected.len()).find(|&k| got[k] != expected[k]) {
         panic!("posture {k}: other contacts");

@@ -12,26 +12,28 @@ use vsf_robots::{RobotError, RobotModel, cartesian_stage, kinova_gen3, planar_ar
 
 type Property<'a> = fn(&Suite<'a>);
 
-/// Checks that an effect and its compensators keep the promises of [`Effect`] and [`vsf_gap::Compensator`] at each of
-/// the sites, such as [`sites`]: in two sequences of two touches each, with motions, readings and contacts that are
-/// made up. Sites that cannot hold what it needs (points to touch, several joints) are left out.
+/// Checks that an effect and its compensators keep the promises of [`Effect`] and [`vsf_gap::Compensator`] at each of the
+/// sites, such as [`sites`].
+///
+/// The check uses two sequences of two touches each, with made-up motions, readings and contacts. Sites that cannot meet
+/// the effect's needs (points to touch, several joints) are skipped.
 ///
 /// | property |
 /// | --- |
-/// | name, parameters, bounds, scales, starts and null gain can be ([`vsf_gap::check_declaration`]) |
-/// | the summary names all parameters in backquotes, those that are numbered up to their first `_` |
-/// | parameters of another number are refused |
+/// | name, parameters, bounds, scales, starts and null gain are valid ([`vsf_gap::check_declaration`]) |
+/// | the summary names all parameters in backquotes, numbered ones up to their first `_` |
+/// | a wrong number of parameters is refused |
 /// | amplitudes at zero change nothing, neither alone nor after other effects |
 /// | it acts on what it says, at one of the sites at least, and no deeper |
 /// | torques are added, gains multiplied, springs changed: what other effects did stays |
 /// | two of a kind behave the same, bit for bit |
-/// | all is finite within the bounds, and parameters of contact are in range |
-/// | it is continuous in its parameters: no more than half of what a parameter changes over its scale comes at a jump |
+/// | everything is finite within the bounds, and contact parameters are in range |
+/// | it is continuous in its parameters: a jump is at most half of the change over a parameter's scale |
 ///
-/// That nothing is allocated after the first samples is not checked.
+/// It does not check that nothing is allocated after the first samples.
 ///
 /// # Panics
-/// With the names of effect, site and property that does not hold.
+/// With the names of the effect, the site and the property that does not hold.
 ///
 /// ```
 /// use vsf_gap::effects::Payload;
@@ -77,7 +79,7 @@ pub fn check_effect(effect: &dyn Effect, sites: &[Site]) {
     });
 }
 
-/// Whether a site can have all that is needed; what depends on motion, the made-up one has.
+/// Whether a site can meet all needs. Those for motion are met by the made-up motion.
 fn holds(site: &Site, needs: &[Need]) -> bool {
     needs.iter().all(|need| match need {
         Need::Contact | Need::Retouch => !site.rest.is_empty(),
@@ -86,9 +88,11 @@ fn holds(site: &Site, needs: &[Need]) -> bool {
     })
 }
 
-/// Sites of all kinds: joints that turn and that slide, readings with and without the arm's weight, points to touch
-/// and none. One arm has a single joint, the others have three: an effect has parameters for the joints that there are, none where
-/// its joint is missing; or is asked at the sites that can have it alone ([`Site::joints`](vsf_gap::Site::joints)).
+/// Sites of all kinds: revolute and prismatic joints, readings with and without the arm's weight, with and without points
+/// to touch.
+///
+/// One arm has a single joint, the others have three. An effect needs parameters for the existing joints, and none where
+/// its joint is missing. Otherwise, check it only at the sites that can have it ([`Site::joints`](vsf_gap::Site::joints)).
 ///
 /// # Errors
 /// None in practice: the robots are built in.
@@ -104,7 +108,7 @@ pub fn sites() -> Result<Vec<Site>, RobotError> {
     all.into_iter().map(site).collect()
 }
 
-/// A cube of points 1 cm apart, so many along an edge.
+/// A cube of points 1 cm apart, with `edge` points along an edge.
 fn site(robot: RobotModel, torque_kind: TorqueKind, edge: usize) -> Result<Site, RobotError> {
     let axis = || (0..edge).map(|i| 0.01 * i as f64);
     let points = axis().flat_map(|x| {

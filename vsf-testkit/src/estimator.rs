@@ -9,14 +9,14 @@ use history::boxed;
 use suite::Suite;
 use vsf_core::{Belief, Estimator, Scalar};
 
-/// The problems that [`check_estimator`] poses, and what is asked beyond the common rules.
+/// Options of [`check_estimator`]: the problems, and what is tested beyond the common rules.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EstimatorOptions {
-    /// Points of the field, at least 8; default 40.
+    /// Number of points of the field, at least 8; default 40.
     pub points: usize,
-    /// Channels of a reading, at least 1; default 3.
+    /// Number of channels of a reading, at least 1; default 3.
     pub channels: usize,
-    /// Observations of a sequence, at least 2; default 12.
+    /// Number of observations in a sequence, at least 2; default 12.
     pub steps: usize,
     /// Entries of W lie within `[-weight, weight]`, > 0 and finite; default 0.05.
     pub weight: f64,
@@ -26,22 +26,27 @@ pub struct EstimatorOptions {
     pub prior_mean: f64,
     /// Prior standard deviation, > 0 and finite; default 0.5.
     pub prior_sd: f64,
-    /// Whether points are independent in the prior, so that touched points teach nothing about others. Default
-    /// true; false for priors that correlate points, in space or by a level they share: what rests on
-    /// independence is then not asked, see the table of [`check_estimator`].
+    /// Whether points are independent in the prior, so that touched points teach nothing about others. Default true.
+    ///
+    /// Set it to false for priors that correlate points, in space or by a common level. What relies on independence is then
+    /// not tested; see the table of [`check_estimator`].
     pub local: bool,
-    /// Whether NIS, log-likelihood and whitened residual are those of the Gaussian model
-    /// `S = W Sigma W^T + R`. Default true; false for estimators without a noise model, and for those
-    /// that change the noise.
+    /// Whether NIS, log-likelihood and whitened residual are those of the Gaussian model `S = W Sigma W^T + R`. Default
+    /// true.
+    ///
+    /// Set it to false for estimators without a noise model, and for those that change the noise.
     pub gaussian: bool,
-    /// Whether the estimator is exact for linear Gaussian problems of independent points: neither
-    /// the order of observations nor cutting them into single channels matters, and NIS follows the
-    /// chi-squared law over whole sequences. Default false.
+    /// Whether the estimator is exact for linear Gaussian problems with independent points. Default false.
+    ///
+    /// Then neither the order of observations nor splitting them into single channels matters, and NIS follows the
+    /// chi-squared law over whole sequences.
     pub exact: bool,
-    /// For estimators that are not `exact`: the interval in which they promise the mean NIS per
-    /// degree of freedom of well-specified sequences, of constant fields and, where they support it,
-    /// of fields that drift. Sequences are four times as long and as strong as the others. Default
-    /// `Some((0.9, 1.8))`, what leaving out correlations may cost there; `None` asks nothing.
+    /// For estimators that are not `exact`: the interval in which they promise the mean NIS per degree of freedom of
+    /// well-specified sequences.
+    ///
+    /// It applies to constant fields and, if the estimator supports it, to fields that drift. Sequences are four times as
+    /// long and as strong as the others. Default `Some((0.9, 1.8))`, which allows for neglected correlations; `None` tests
+    /// nothing.
     pub nis_ratio: Option<(f64, f64)>,
     /// Seed of all draws; default 1.
     pub seed: u64,
@@ -68,8 +73,9 @@ impl Default for EstimatorOptions {
 
 type Property<'a, T> = fn(&Suite<'a, T>);
 
-/// Checks that an estimator keeps the promises of [`Estimator`], boxed as well. `make` builds one
-/// from a prior; two of them from the same prior must behave the same.
+/// Checks that an estimator keeps the promises of [`Estimator`], also when boxed.
+///
+/// `make` builds an estimator from a prior. Two estimators from the same prior must behave the same.
 ///
 /// | property | asked of |
 /// | --- | --- |
@@ -122,7 +128,7 @@ fn who<T: Scalar>() -> String {
     format!("{} estimator", T::NAME)
 }
 
-/// All but what takes the estimator's own type.
+/// All checks except those that need the estimator's own type.
 fn check<'a, T: Scalar>(suite: &Suite<'a, T>) {
     let EstimatorOptions {
         points,

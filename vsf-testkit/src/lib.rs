@@ -1,9 +1,9 @@
-//! Suites for parts of your own, and known-answer worlds.
+//! Test suites for your own implementations of the traits, and worlds with known answers.
 //!
-//! Each suite asks one part for all that its trait promises, and panics with the name of the property that does not
-//! hold, as a test does:
+//! Each suite tests one part for everything that its trait promises. Like a test, it panics with the name of the property
+//! that does not hold:
 //!
-//! | suite | asks |
+//! | suite | tests |
 //! | --- | --- |
 //! | [`check_estimator`] | a [`vsf_core::Estimator`] |
 //! | [`check_sensor`] | a [`vsf_core::Sensor`] |
@@ -12,10 +12,11 @@
 //! | `check_regressor` (feature `regressors`) | a `vsf_vision::Regressor`, stiffness from features |
 //! | `check_effect` (feature `effects`) | a `vsf_gap::Effect` and its compensators |
 //!
-//! The parts of this workspace pass the same suites. [`LinearWorld`] makes problems whose answer is known.
+//! The parts of this workspace pass the same suites. [`LinearWorld`] makes problems with a known answer.
 //!
-//! It belongs under `[dev-dependencies]`. What needs more than `vsf-core` is a feature for that reason alone;
-//! `check_effect` needs the diagnosis and all that is below it. Rejected: a suite in each crate, which would put tests into programs.
+//! This crate belongs under `[dev-dependencies]`. Suites that need more than `vsf-core` are features for that reason alone;
+//! `check_effect` needs the diagnosis and everything below it. Rejected: a suite in each crate, which would put tests into
+//! programs.
 
 #![forbid(unsafe_code)]
 // Suites fail by panics, as tests do.

@@ -1,6 +1,6 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
-/// Runs a check, whose panic is given the names of the one in question and of the property.
+/// Runs a check. Its panic is given the names of the part and of the property.
 pub(crate) fn ask(who: &str, property: &str, check: impl FnOnce()) {
     let Err(cause) = catch_unwind(AssertUnwindSafe(check)) else {
         return;

@@ -4,28 +4,29 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use vsf_vision::{Features, Regressor, Samples};
 
-/// Samples of the problems.
+/// Number of samples in the problems.
 const SAMPLES: usize = 400;
-/// Share of the spread of a plane that may be left to explain.
+/// Share of the spread of a plane that may stay unexplained.
 const LEFT: f64 = 0.7;
-/// Squares of errors, in units of the variances predicted for them.
+/// Range of squared errors, in units of their predicted variances.
 const HONEST: std::ops::Range<f64> = 0.5..2.0;
 
 type Property = fn(&dyn Regressor);
 
-/// Checks that a regressor keeps the promises of [`Regressor`], on planes with noise in two features. It is asked through
-/// [`Regressor::fresh`] ones, and left alone.
+/// Checks that a regressor keeps the promises of [`Regressor`], on noisy planes in two features.
+///
+/// Only [`Regressor::fresh`] copies are used; the regressor itself stays unchanged.
 ///
 /// | property |
 /// | --- |
-/// | one that has not learned refuses to predict |
-/// | a plane is predicted better than by its mean, and the mean square of errors is 0.5 to 2 times the variances predicted |
-/// | far away the variance is nearly that of all targets (0.8 of it) or more, and larger than among them |
-/// | what is learned anew replaces what was learned |
+/// | a regressor that has not learned refuses to predict |
+/// | a plane is predicted better than by its mean, and the mean squared error is 0.5 to 2 times the predicted variance |
+/// | far away, the variance is at least nearly that of all targets (0.8 of it), and larger than among them |
+/// | learning again replaces what was learned |
 /// | a fresh one learns the same |
-/// | coincident samples, lattices and constant features are taken |
-/// | other features than those it learned from are refused, and change nothing |
-/// | so far away that numbers overflow is an error |
+/// | coincident samples, lattices and constant features are accepted |
+/// | features other than those it learned from are refused, and change nothing |
+/// | features so far away that numbers overflow are an error |
 ///
 /// # Panics
 /// With the name of the property that does not hold.
@@ -61,7 +62,7 @@ fn samples(rows: &[[f64; 2]], targets: Vec<f64>, variance: f64) -> Samples {
     Samples::new(features(rows), targets, variances).expect("samples")
 }
 
-/// Places, and `5 + slope a + 0.3 b` there, with noise of deviation 0.5.
+/// Places, and `5 + slope a + 0.3 b` there, with noise of standard deviation 0.5.
 fn noisy_plane(slope: f64, seed: u64) -> (Vec<[f64; 2]>, Vec<f64>) {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut row = || {
@@ -72,7 +73,7 @@ fn noisy_plane(slope: f64, seed: u64) -> (Vec<[f64; 2]>, Vec<f64>) {
     (0..SAMPLES).map(|_| row()).unzip()
 }
 
-/// A fresh one that has learned a plane.
+/// A fresh regressor that has learned a plane.
 fn learned(regressor: &dyn Regressor, slope: f64) -> Box<dyn Regressor> {
     let (rows, targets) = noisy_plane(slope, 1);
     let mut learned = regressor.fresh();

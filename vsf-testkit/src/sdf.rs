@@ -4,30 +4,30 @@ use rand_pcg::Pcg64Mcg;
 use vsf_contact::{Batch, Sdf, SdfSample};
 use vsf_core::nalgebra::{Point3, Vector3};
 
-/// Places that are looked at.
+/// Number of places that are tested.
 const PLACES: usize = 600;
-/// How near the surface contact happens, as a share of the body's size.
+/// Distance from the surface at which contact happens, as a share of the body's size.
 const NEAR: f64 = 0.1;
-/// Share of the places there at which the normal has to be the gradient: there is none at edges.
+/// Share of the places near the surface at which the normal has to be the gradient. At edges there is none.
 const SMOOTH: f64 = 0.9;
-/// Step of a difference, as a share of the body's size.
+/// Step of finite differences, as a share of the body's size.
 const STEP: f64 = 1e-5;
-/// What rounding leaves of a unit, and of the body's size.
+/// Rounding error, relative to 1 and to the body's size.
 const ROUNDING: f64 = 1e-9;
 
 type Property<'a> = fn(&Suite<'a>);
 
-/// Checks that a distance field keeps the promises of [`Sdf`], at places in and around its bounds.
+/// Checks that a signed distance field keeps the promises of [`Sdf`], at places in and around its bounds.
 ///
 /// | property |
 /// | --- |
 /// | the bounds are a box |
 /// | distances and normals are finite, normals of unit length |
-/// | the distance alone is that of the sample |
-/// | distances change no faster than places do, but for the slack |
-/// | near the surface the normal is the gradient of the distance, where there is one |
+/// | the distance alone equals that of the sample |
+/// | distances change no faster than places do, except for the slack |
+/// | near the surface, the normal is the gradient of the distance, where there is one |
 /// | the inside and the surface lie within the bounds |
-/// | many places at once have the samples that they have one by one |
+/// | many places at once have the same samples as one by one |
 /// | places that are not finite do no harm |
 ///
 /// # Panics
@@ -165,7 +165,7 @@ impl Suite<'_> {
         }
     }
 
-    /// The answer is nobody's, but there is one.
+    /// At places that are not finite, the answer does not matter, but there is one.
     fn no_place(&self) {
         for value in [f64::NAN, f64::INFINITY, -1e300] {
             for k in 0..3 {

@@ -2,23 +2,24 @@ use crate::property::ask;
 use vsf_core::nalgebra::{Point3, Vector3};
 use vsf_core::{Contacts, Observation, Posture, RestPoints, Scalar, Sensor};
 
-/// Points that the robot touches.
+/// Number of points that the robot touches.
 const POINTS: usize = 12;
 
 type Property<'a, T> = fn(&Suite<'a, T>);
 
-/// Checks that a sensor keeps the promises of [`Sensor`], for the robot that wrote `posture`. What is touched is made
-/// up: 12 points, by all links in turn.
+/// Checks that a sensor keeps the promises of [`Sensor`], for the robot that wrote `posture`.
+///
+/// The contacts are made up: 12 points, by all links in turn.
 ///
 /// | property |
 /// | --- |
 /// | it is made for this robot |
 /// | a blank observation is empty and as wide as the sensor |
 /// | the touched points are observed, with the reading |
-/// | the same is observed again, whatever the observation held before |
+/// | observing again gives the same, whatever the observation held before |
 /// | the column of a point is that of its own contact, and zero without a displacement |
-/// | readings of another length or with numbers that are not finite are refused |
-/// | contacts of points or links that there are not are refused |
+/// | readings that are not finite or of another length are refused |
+/// | contacts of nonexistent points or links are refused |
 ///
 /// # Panics
 /// With the name of the property that does not hold.
@@ -61,7 +62,7 @@ struct Suite<'a, T: Scalar> {
     rest: RestPoints,
 }
 
-/// A vector that is another for every `i`, of some 0.5 to 1.5.
+/// A vector that differs for every `i`, with entries of some 0.5 to 1.5.
 fn wave(i: usize, phase: usize) -> Vector3<f64> {
     let x = i as f64 + 0.7 * phase as f64;
     Vector3::new(
@@ -72,7 +73,7 @@ fn wave(i: usize, phase: usize) -> Vector3<f64> {
 }
 
 impl<T: Scalar> Suite<'_, T> {
-    /// Contacts of these points by all links in turn, displaced by some centimeters, or by `scale` of that.
+    /// Contacts of these points by all links in turn, displaced by some centimeters times `scale`.
     fn contacts(&self, points: impl IntoIterator<Item = usize>, scale: f64) -> Contacts {
         let (mut contacts, links) = (Contacts::new(), self.posture.link_poses().len());
         for p in points {
@@ -89,7 +90,7 @@ impl<T: Scalar> Suite<'_, T> {
             .collect()
     }
 
-    /// What is observed of these contacts.
+    /// The observation of these contacts.
     fn observed(&self, contacts: &Contacts) -> Observation<T> {
         let mut out = self.sensor.blank();
         self.observe(contacts, &mut out);

@@ -2,8 +2,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use vsf_core::{CoreError, Noise, Observation, Scalar};
 
-/// One sparse reading of a field: what an [`Observation`] is made of, in `f64`, so that tests can
-/// relabel and rescale it.
+/// One sparse reading of a field: the contents of an [`Observation`] in `f64`, so that tests can relabel and rescale it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// Touched points, strictly increasing.
@@ -17,7 +16,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The observation of a field of `field_len` points.
+    /// The observation for a field of `field_len` points.
     ///
     /// # Errors
     /// As [`Observation::rebuild`] and [`Noise::per_channel`]; columns of another number or length.
@@ -34,8 +33,8 @@ impl Reading {
     }
 }
 
-/// A known-answer world: a true field `K >= 0` and sparse linear readings of it with Gaussian
-/// noise. All draws follow from the seed.
+/// A world with a known answer: a true field `K >= 0` and sparse linear readings of it with Gaussian noise. The seed
+/// determines all draws.
 #[derive(Debug, Clone)]
 pub struct LinearWorld {
     /// True stiffness of every point.
@@ -44,7 +43,7 @@ pub struct LinearWorld {
 }
 
 impl LinearWorld {
-    /// A field of `n` points, `K_i ~ N(mean, sd²)` set to zero where negative.
+    /// A field of `n` points with `K_i ~ N(mean, sd²)`, negative values set to zero.
     pub fn new(n: usize, mean: f64, sd: f64, seed: u64) -> Self {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let stiffness = (0..n)
@@ -53,8 +52,8 @@ impl LinearWorld {
         Self { stiffness, rng }
     }
 
-    /// A reading with `d` channels that touches `contacts` random points below `limit`, with
-    /// entries of `W` uniform in `[-weight, weight]` and noise of deviation `noise_sd`.
+    /// A reading with `d` channels that touches `contacts` random points below `limit`. Entries of `W` are uniform in
+    /// `[-weight, weight]`; the noise has standard deviation `noise_sd`.
     pub fn reading(
         &mut self,
         limit: usize,
@@ -99,7 +98,7 @@ impl LinearWorld {
     }
 }
 
-/// A standard normal number (Box and Muller, doi 10.1214/aoms/1177706645).
+/// Draws a standard normal number (Box and Muller, doi 10.1214/aoms/1177706645).
 pub fn normal(rng: &mut Pcg64Mcg) -> f64 {
     let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
     radius * (std::f64::consts::TAU * rng.random::<f64>()).cos()

@@ -6,21 +6,21 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 /// Number of joints of the arm.
 pub const JOINTS: usize = 7;
 
-/// A value per joint.
+/// One value per joint.
 pub type JointVector = [f64; JOINTS];
 
 /// A force of the environment on a link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
-    /// The link it acts on: 0 is the base, `j` the link that joint `j` (from 1) moves.
+    /// The link that it acts on: 0 is the base, `j` the link that joint `j` (from 1) moves.
     pub link: usize,
-    /// Where, world frame \[m\].
+    /// Point of application, world frame \[m\].
     pub point: Point3<f64>,
     /// Force on the robot, world frame \[N\].
     pub force: Vector3<f64>,
 }
 
-/// A point mass or link mass that hangs on the arm.
+/// A mass attached to the arm, such as that of a link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Mass {
     pub link: usize,
@@ -28,7 +28,7 @@ pub(crate) struct Mass {
     pub mass: f64,
 }
 
-/// A capsule in the world.
+/// A capsule in world coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct WorldCapsule {
     pub link: usize,
@@ -53,18 +53,18 @@ impl WorldCapsule {
     }
 }
 
-/// The arm with its joints at some angles.
+/// The arm at given joint angles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arm {
     frames: [Isometry3<f64>; JOINTS],
     base: Isometry3<f64>,
-    /// Added to the radius of the capsules of every link \[m\].
+    /// Added to the radius of each link's capsules \[m\].
     padding: [f64; JOINTS + 1],
     poses: [Isometry3<f64>; JOINTS + 1],
 }
 
 impl Arm {
-    /// The arm on its base, all joints at zero.
+    /// The arm on its base, with all joints at zero.
     pub fn new(base: Isometry3<f64>) -> Self {
         let frames = JOINT_FRAMES.map(|(xyz, [r, p, y])| {
             Isometry3::from_parts(
@@ -82,7 +82,7 @@ impl Arm {
         arm
     }
 
-    /// The same arm, thicker by `padding` \[m\] per link.
+    /// The same arm with links thicker by `padding` \[m\].
     pub(crate) fn padded(mut self, padding: [f64; JOINTS + 1]) -> Self {
         self.padding = padding;
         self
@@ -97,7 +97,7 @@ impl Arm {
         }
     }
 
-    /// Poses of base and links in the world.
+    /// World poses of the base and the links.
     pub fn poses(&self) -> &[Isometry3<f64>; JOINTS + 1] {
         &self.poses
     }
@@ -115,7 +115,7 @@ impl Arm {
         })
     }
 
-    /// The capsules in the world, in a fixed order.
+    /// Collects the capsules in world coordinates, in a fixed order.
     pub(crate) fn capsules(&self, out: &mut Vec<WorldCapsule>) {
         out.clear();
         for (link, (part, pose)) in LINKS.iter().zip(&self.poses).enumerate() {
@@ -144,8 +144,7 @@ pub(crate) fn link_masses() -> [Mass; JOINTS + 1] {
     })
 }
 
-/// Torques of a field of gravity on the joints of an arm at `q`: minus the gradient of the
-/// potential energy, by central differences.
+/// Joint torques of gravity for an arm at `q`: minus the gradient of the potential energy, by central differences.
 pub(crate) fn weight_torques(
     arm: &mut Arm,
     q: &JointVector,

@@ -4,11 +4,11 @@ use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
-/// A body as the set where [`level`](Body::level) is negative.
+/// A body: the set of points with negative [`level`](Body::level).
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     lobes: Vec<Lobe>,
-    /// Waves of the surface: wave vector \[1/m\], phase, share of the level.
+    /// Waves of the surface: wave vector \[1/m\], phase, amplitude relative to the level.
     waves: Vec<(Vector3<f64>, f64, f64)>,
 }
 
@@ -21,7 +21,7 @@ struct Lobe {
 }
 
 impl Body {
-    /// A body of 0.25 to 0.4 m in front of an arm whose base is at `base`.
+    /// Draws a body of 0.25 to 0.4 m, in front of an arm whose base is at `base`.
     pub fn draw(base: &Point3<f64>, rng: &mut Pcg64Mcg) -> Self {
         let mut within = |low: f64, high: f64| rng.random_range(low..high);
         let center = base + Vector3::new(within(0.5, 0.6), within(-0.1, 0.1), within(0.22, 0.3));
@@ -56,7 +56,7 @@ impl Body {
         Self { lobes, waves }
     }
 
-    /// Negative inside, growing outward, about 1 at twice the size.
+    /// Level function: negative inside, growing outward, about 1 at twice the size.
     pub fn level(&self, p: &Point3<f64>) -> f64 {
         let lobe = |l: &Lobe| {
             let d = (p - l.center).component_div(&l.radii).abs();
@@ -73,7 +73,7 @@ impl Body {
         self.lobes[0].center
     }
 
-    /// A box that holds the body.
+    /// A bounding box of the body.
     pub fn bounds(&self) -> [Point3<f64>; 2] {
         let mut low = self.center();
         let mut high = low;
@@ -85,7 +85,7 @@ impl Body {
         [low, high]
     }
 
-    /// Where a ray from outside first meets the body.
+    /// Where a ray from outside first hits the body.
     pub fn ray(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
         const STEP: f64 = 0.002;
         (0..1000)
@@ -93,7 +93,7 @@ impl Body {
             .find(|p| self.level(p) < 0.0)
     }
 
-    /// Outward normal at a point of the surface.
+    /// Outward normal at a point on the surface.
     pub fn normal(&self, p: &Point3<f64>) -> Vector3<f64> {
         // Wide enough to look past the waves.
         const STEP: f64 = 0.006;

@@ -1,4 +1,4 @@
-//! Which cases there are, and draws of them.
+//! Specifications of cases, and random draws of them.
 
 use crate::effect::{EFFECTS, UNKNOWN_EFFECTS};
 use crate::motion::Protocol;
@@ -6,17 +6,17 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-/// What is touched.
+/// Kind of object that is touched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// A soft body of irregular nodes on springs, tied to their neighbors.
+    /// A soft body: irregular nodes on springs, tied to their neighbors.
     Springs,
-    /// Jointed stems and branches: rigid segments on torsional springs.
+    /// A plant with jointed stems and branches: rigid segments on torsional springs.
     Plant,
 }
 
-/// What kind of answer is right.
+/// Kind of answer that is right for a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
@@ -24,13 +24,13 @@ pub enum Class {
     None,
     /// One effect of the catalogue.
     Single,
-    /// Two effects of the catalogue, or more.
+    /// Two or more effects of the catalogue.
     Pair,
     /// An effect outside the catalogue.
     Unknown,
 }
 
-/// How strong an effect is: RMS of the torque change over RMS of the torques, on the test rows.
+/// Strength of an effect: the RMS of the torque change divided by the RMS of the torques, on the test rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
@@ -41,7 +41,7 @@ pub enum Level {
 }
 
 impl Level {
-    /// Smallest and largest share.
+    /// Smallest and largest strength.
     pub fn band(self) -> (f64, f64) {
         match self {
             Self::Clear => (0.2, 0.4),
@@ -50,24 +50,23 @@ impl Level {
     }
 }
 
-/// One case to make. The same spec always gives the same bytes.
+/// Specification of one case. The same specification always gives the same bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseSpec {
-    /// What is touched.
+    /// Kind of object that is touched.
     pub kind: Kind,
     /// What the arm does.
     pub protocol: Protocol,
-    /// Names of the effects, of [`EFFECTS`] and [`UNKNOWN_EFFECTS`]; none for a case in which
-    /// nothing is wrong.
+    /// Names of the effects, from [`EFFECTS`] and [`UNKNOWN_EFFECTS`]; empty for a case in which nothing is wrong.
     pub effects: Vec<String>,
-    /// How strong each of them is.
+    /// Strength of each effect.
     pub level: Level,
-    /// Seed of all that is drawn: object, motion, parameters, noise.
+    /// Seed of all random draws: object, motion, parameters, noise.
     pub seed: u64,
 }
 
 impl CaseSpec {
-    /// What kind of answer is right.
+    /// Kind of answer that is right.
     pub fn class(&self) -> Class {
         let known = |name: &String| EFFECTS.contains(&name.as_str());
         match self.effects.len() {
@@ -79,10 +78,11 @@ impl CaseSpec {
     }
 }
 
-/// Draws `n` cases. In every 20: 4 without effect, 10 with one effect, 3 with two, 3 with one from
-/// outside the catalogue. Single effects take turns, so that 54 cases hold each of the 27 once.
-/// Independently of that, 3 in 10 are plants (where the effect can be shown by one), 1 in 4 is a
-/// subtle one, and 1 in 8 a mere push.
+/// Draws `n` cases.
+///
+/// Every 20 cases contain 4 without effect, 10 with one effect, 3 with two, and 3 with one from outside the catalogue.
+/// Single effects take turns, so 54 cases contain each of the 27 once. Independently of that, 3 in 10 cases are plants (if
+/// a plant can show the effect), 1 in 4 cases is subtle, and 1 in 8 is a mere push.
 ///
 /// ```
 /// let cases = vsf_world::draw_cases(40, 7);

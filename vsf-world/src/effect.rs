@@ -1,8 +1,8 @@
-//! What can be wrong with a recording, and how strongly.
+//! What can be wrong with a recording.
 //!
-//! The forms are on purpose unlike those of textbooks: Coulomb friction differs between directions,
-//! damage follows a Weibull curve, stress relaxes in three branches, clocks and axes wander. Whoever
-//! diagnoses a recording has to do so by the physics, not by the formula.
+//! The forms deliberately differ from those of textbooks: Coulomb friction differs between directions, damage follows a
+//! Weibull curve, stress relaxes in three branches, clocks and axes wander. A diagnosis has to recognize the physics, not
+//! the formula.
 
 use crate::arm::{JOINTS, JointVector};
 use serde::{Deserialize, Serialize};
@@ -38,7 +38,7 @@ pub const EFFECTS: [&str; 27] = [
     "inertia_drag",
 ];
 
-/// Names of effects outside that catalogue: the right answer to them is that none of it fits.
+/// Names of effects outside that catalogue. The right answer to them is that no effect of the catalogue fits.
 pub const UNKNOWN_EFFECTS: [&str; 8] = [
     "cable_torque",
     "backlash",
@@ -50,23 +50,23 @@ pub const UNKNOWN_EFFECTS: [&str; 8] = [
     "thermal_gain",
 ];
 
-/// An effect with its parameters. Names and parameters are what a label says; SI units.
+/// An effect with its parameters, in SI units. Labels contain names and parameters as they are here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "name", content = "params", rename_all = "snake_case")]
 #[allow(missing_docs)] // The parameters of a variant are described with it.
 pub enum Effect {
     /// A constant torque per joint.
     TorqueBias { bias: JointVector },
-    /// `amplitude (1 - exp(-t / tau_s))` of the session's time, and a slow wander of its own.
+    /// `amplitude (1 - exp(-t / tau_s))` of the session's time, plus a slow wander.
     TorqueDrift {
         amplitude: JointVector,
         tau_s: f64,
         wander: f64,
         phase: f64,
     },
-    /// `tau (1 + gain)`, fading for torques far above `rolloff_nm`.
+    /// `tau (1 + gain)`; the gain fades for torques far above `rolloff_nm`.
     TorqueGain { gain: JointVector, rolloff_nm: f64 },
-    /// `-c` of the direction, over a smooth step of `width` \[rad/s\].
+    /// Friction `-c`, with a `c` for each direction, over a smooth step of `width` \[rad/s\].
     JointCoulombFriction {
         c_plus: JointVector,
         c_minus: JointVector,
@@ -87,53 +87,54 @@ pub enum Effect {
         power: f64,
         width: f64,
     },
-    /// A mass at `center` of the last link, with its weight and inertia.
+    /// A mass at `center` in the frame of the last link, with its weight and inertia.
     Payload { mass: f64, center: [f64; 3] },
     /// Gravity turned by `angle` about the horizontal direction `heading` \[rad\].
     GravityTilt { heading: f64, angle: f64 },
-    /// Masses that the links 1 to 7 have more than they should, at `center` of the link.
+    /// Additional masses of the links 1 to 7, at `center` in the frame of each link.
     InertialError { mass: JointVector, center: [f64; 3] },
-    /// Joint `to` feels `-viscous qd - coulomb sign(viscous qd)` of joint `from`; joints from 1.
+    /// Joint `to` is subject to `-viscous qd - coulomb sign(viscous qd)`, with the velocity `qd` of joint `from`; joints
+    /// count from 1.
     JointCoupling {
         to: usize,
         from: usize,
         viscous: f64,
         coulomb: f64,
     },
-    /// Recorded is `q + offset + eccentricity offset sin(q)`.
+    /// The recorded angle is `q + offset + eccentricity offset sin(q)`.
     EncoderOffset {
         offset: JointVector,
         eccentricity: f64,
     },
-    /// Links turn by `tau / k / sqrt(1 + (tau / hardening_nm)^2)`, with `1 / k` as compliance.
+    /// Links turn by `tau / k / sqrt(1 + (tau / hardening_nm)^2)`, with compliance `1 / k`.
     JointElasticity {
         compliance: JointVector,
         hardening_nm: f64,
     },
-    /// The torques come `delay_s` late, through two equal lags.
+    /// The torques come `delay_s` late, and pass through two equal lags.
     Latency { delay_s: f64, lag_s: f64 },
-    /// The object stands elsewhere in every sequence, turned about the vertical.
+    /// The object stands elsewhere in every sequence, and is turned about the vertical.
     RegistrationOffset {
         per_sequence_m: Vec<[f64; 3]>,
         turn_rad: Vec<f64>,
     },
-    /// Links 0 to 7 are thicker than the model says.
+    /// Links 0 to 7 are thicker than in the model.
     GeometryPadding { padding_m: [f64; JOINTS + 1] },
-    /// Friction of the surface, `log_ratio` away from what it should be: `mu exp(log_ratio)`.
+    /// Surface friction with a log ratio to the nominal one: `mu exp(log_ratio)`.
     ContactFriction { log_ratio: f64 },
-    /// Tension before the surfaces part, growing with the time of contact, uneven over places;
-    /// as the displacement whose spring force it equals.
+    /// Tension before the surfaces part, given as the displacement whose spring force it equals. It grows with the time of
+    /// contact, and varies between places.
     Adhesion { stretch_m: f64, dwell_s: f64 },
     /// The object gives way as a whole: compliance along x, y, z, stiffer beyond `hardening_n`.
     ObjectBaseMotion {
         compliance: [f64; 3],
         hardening_n: f64,
     },
-    /// Force `k eta v^power v0^(1 - power)` beside the elastic one, `v0` = 0.05 m/s.
+    /// Force `k eta v^power v0^(1 - power)` in addition to the elastic one, `v0` = 0.05 m/s.
     Viscoelastic { eta_s: f64, power: f64 },
     /// Three Maxwell branches with `g` times the stiffness.
     StressRelaxation { g: [f64; 3], tau_s: [f64; 3] },
-    /// Rest places follow beyond a yield displacement, uneven over places.
+    /// Rest positions shift beyond a yield displacement, which varies between places.
     PlasticSet { yield_m: f64, hardening: f64 },
     /// Stiffness falls by `max (1 - exp(-((u_max - threshold) / scale)^1.6))`.
     DamageSoftening {
@@ -145,13 +146,13 @@ pub enum Effect {
     StrainStiffening { gain: f64, length_m: f64 },
     /// Springs between neighbors are `factor` times stiffer.
     SpatialCoupling { factor: f64 },
-    /// Stiffer by `1 + alpha` along fibers whose direction winds with the place.
+    /// Stiffer by `1 + alpha` along fibers, whose direction varies with the place.
     Anisotropy {
         alpha: f64,
         heading: f64,
         winding: f64,
     },
-    /// The object's matter, set in motion with a lag of 60 ms, has mass and drag: over the mean
+    /// Mass and drag of the object's material, which follows the surface with a lag of 60 ms; relative to the mean
     /// stiffness of its elements.
     InertiaDrag { mass_s2: f64, drag_s: f64 },
 
@@ -161,15 +162,15 @@ pub enum Effect {
         periods: f64,
         phase: f64,
     },
-    /// The link lags within a play of the gear, on the side of the load.
+    /// The link lags by the backlash of the gear, on the side of the load.
     Backlash { play: JointVector },
-    /// Torques come in steps.
+    /// Torques are quantized in steps.
     Quantization { step: JointVector },
-    /// Torques stop growing at a share of what the joint feels at most.
+    /// Torques saturate at a share of the largest torque of the joint.
     Saturation { keep: JointVector },
-    /// Offsets jump once, at a time of the session.
+    /// The torque offsets jump once, at a time of the session.
     OffsetJump { jump: JointVector, at_s: f64 },
-    /// A soft ball in the way of link `link` at its posture of deepest touch.
+    /// A soft ball in the way of link `link`, at its posture of deepest touch.
     SecondObject {
         link: usize,
         stiffness: f64,
@@ -182,8 +183,7 @@ pub enum Effect {
         frequency_hz: f64,
         phase: f64,
     },
-    /// Sensitivity falls while a joint works and recovers while it rests: `tau (1 - 0.9 tanh(loss
-    /// heat))`.
+    /// Sensitivity falls while a joint is loaded and recovers while it rests: `tau (1 - 0.9 tanh(loss heat))`.
     ThermalGain {
         loss: JointVector,
         heating: f64,
@@ -233,7 +233,7 @@ impl Effect {
         }
     }
 
-    /// Joints that carry the effect themselves, counted from 1; `None` if it is no matter of joints.
+    /// Joints that have the effect, counted from 1; `None` if the effect does not act on joints.
     pub fn joints(&self) -> Option<Vec<usize>> {
         let of = |v: &JointVector| (1..=JOINTS).filter(|j| v[j - 1] != 0.0).collect();
         Some(match self {
@@ -258,13 +258,13 @@ impl Effect {
         })
     }
 
-    /// True if the effect changes what is recorded as angles and leaves the torques alone.
+    /// True if the effect changes the recorded angles and leaves the torques unchanged.
     pub fn is_what_if(&self) -> bool {
         matches!(self, Self::EncoderOffset { .. })
     }
 
-    /// True if the torques that the object causes stay as they are: the effect is one of the
-    /// sensors or of the arm's weight, and is computed after the touch.
+    /// True if the effect leaves the contact torques unchanged: it is one of the sensors or of the arm's weight, and is
+    /// computed after the touch.
     pub(crate) fn is_of_the_sensor(&self) -> bool {
         !matches!(
             self,

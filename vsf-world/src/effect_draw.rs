@@ -1,4 +1,4 @@
-//! Draws of effects.
+//! Random draws of effects.
 
 use crate::WorldError;
 use crate::arm::{JOINTS, JointVector};
@@ -6,8 +6,8 @@ use crate::effect::Effect;
 use rand::{Rng, RngExt};
 
 impl Effect {
-    /// Draws the effect `name` at a strength that is about right for 10 N m; `sequences` is the
-    /// number of sequences of the session.
+    /// Draws the effect `name` with a strength that suits torques of about 10 N m. `sequences` is the number of sequences
+    /// of the session.
     ///
     /// # Errors
     /// [`WorldError::UnknownEffect`].
@@ -223,7 +223,7 @@ impl Effect {
     }
 }
 
-/// One joint or several, each with a factor of either sign or of one.
+/// Draws a value for one joint or several, each with a random factor: of either sign if `signed`, otherwise positive.
 fn joints(rng: &mut impl Rng, mean: f64, signed: bool) -> JointVector {
     // Wrist joints bear less.
     const SHARE: JointVector = [1.0, 1.0, 0.8, 0.8, 0.45, 0.4, 0.15];
@@ -249,7 +249,7 @@ fn joints(rng: &mut impl Rng, mean: f64, signed: bool) -> JointVector {
     })
 }
 
-/// As [`joints`], without the smaller wrist.
+/// Like [`joints`], without smaller values for the wrist.
 fn even_joints(rng: &mut impl Rng, mean: f64, signed: bool) -> JointVector {
     let v = joints(rng, mean, signed);
     v.map(|x| {

@@ -1,9 +1,9 @@
-//! The same effect, stronger or weaker.
+//! Scaling of effects.
 
 use crate::effect::Effect;
 
 impl Effect {
-    /// The same effect `s` times as strong, `s > 0`.
+    /// The same effect, `s` times as strong, `s > 0`.
     #[must_use]
     pub fn scaled(&self, s: f64) -> Self {
         let mut e = self.clone();
@@ -75,7 +75,7 @@ impl Effect {
         e
     }
 
-    /// Largest strength that is still believable.
+    /// Largest strength that is still plausible.
     pub(crate) fn strongest(&self) -> f64 {
         match self {
             Self::RegistrationOffset { .. } => 2.0,

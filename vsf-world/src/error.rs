@@ -1,17 +1,17 @@
 use thiserror::Error;
 use vsf_data::DataError;
 
-/// Why a case could not be made.
+/// Why a case could not be generated.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum WorldError {
-    /// A name that no effect of this world has.
+    /// A name that is not an effect of this world.
     #[error("no effect is called {name:?}; the names are those of EFFECTS and UNKNOWN_EFFECTS")]
     UnknownEffect {
-        /// The name as given.
+        /// The given name.
         name: String,
     },
-    /// An effect that the kind of world cannot show.
+    /// An effect that this kind of world cannot show.
     #[error("{effect} cannot be shown by a world of kind {kind}; take springs")]
     NotInThisWorld {
         /// Name of the effect.
@@ -25,7 +25,7 @@ pub enum WorldError {
         /// Seed of the case.
         seed: u64,
     },
-    /// No strength of an effect gives the torque change asked for.
+    /// No strength of an effect gives the requested torque change.
     #[error(
         "seed {seed}: {effect} changes the torques by {reached:.3} of their RMS at most, {wanted:.3} \
          were asked for; take another seed"
@@ -35,15 +35,15 @@ pub enum WorldError {
         seed: u64,
         /// Name of the effect.
         effect: String,
-        /// Share that was reached.
+        /// Largest share that was reached.
         reached: f64,
-        /// Share that was asked for.
+        /// Requested share.
         wanted: f64,
     },
-    /// The nodes of a body could not be searched.
+    /// The search for neighbors among the nodes of a body failed.
     #[error("the nodes of the body cannot be searched: {problem}")]
     Search {
-        /// Why.
+        /// The reason.
         problem: String,
     },
     /// The recording was refused or could not be written.

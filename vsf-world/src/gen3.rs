@@ -1,12 +1,12 @@
-//! The Kinova Gen3 with seven joints, in numbers.
+//! Data of the Kinova Gen3 with seven joints.
 //!
-//! Joint frames and inertials are those of the maker's description. The capsules are a fit of this
-//! world: what is recorded says so in its `robot/robot.urdf`.
+//! Joint frames and inertial parameters are those of the manufacturer's description. The capsules were fitted for this
+//! world; recordings say so in their `robot/robot.urdf`.
 
 use crate::arm::JOINTS;
 use std::fmt::Write;
 
-/// One moving or fixed part of the arm with the joint that carries it.
+/// A moving or fixed part of the arm, with the joint that carries it.
 pub(crate) struct Link {
     pub name: &'static str,
     /// Mass \[kg\], center of mass \[m\], and `[ixx, ixy, ixz, iyy, iyz, izz]` about it.
@@ -28,7 +28,7 @@ const fn capsule(a: [f64; 3], b: [f64; 3], radius: f64) -> Capsule {
     Capsule { a, b, radius }
 }
 
-/// Base and the seven links that the joints move, from the base to the hand.
+/// The base and the seven moving links, from the base to the hand.
 pub(crate) const LINKS: [Link; JOINTS + 1] = [
     Link {
         name: "Base_Link",
@@ -109,8 +109,8 @@ pub(crate) const LINKS: [Link; JOINTS + 1] = [
     },
 ];
 
-/// Place of joint `j + 1` in the frame of link `j`, `xyz` \[m\] and `rpy` \[rad\]. It turns link
-/// `j + 1` about its z axis. Angles are rounded as in the maker's description.
+/// Pose of joint `j + 1` in the frame of link `j`, `xyz` \[m\] and `rpy` \[rad\]. The joint turns link `j + 1` about its z
+/// axis. Angles are rounded as in the manufacturer's description.
 #[allow(clippy::approx_constant)]
 pub(crate) const JOINT_FRAMES: [([f64; 3], [f64; 3]); JOINTS] = [
     ([0.0, 0.0, 0.15643], [3.1416, 0.0, 0.0]),
@@ -122,7 +122,7 @@ pub(crate) const JOINT_FRAMES: [([f64; 3], [f64; 3]); JOINTS] = [
     ([0.0, -0.10593, -0.00017505], [-1.5708, 0.0, 0.0]),
 ];
 
-/// Largest angle of a joint in either direction \[rad\]; infinite for the endless ones.
+/// Largest angle of a joint in either direction \[rad\]; infinite for continuous joints.
 pub(crate) const LIMITS: [f64; JOINTS] = [
     f64::INFINITY,
     2.41,
@@ -135,7 +135,7 @@ pub(crate) const LIMITS: [f64; JOINTS] = [
 
 const EFFORT: [f64; JOINTS] = [39.0, 39.0, 39.0, 39.0, 9.0, 9.0, 9.0];
 
-/// The arm as URDF text, every capsule as one cylinder and two spheres.
+/// The arm as URDF text, with every capsule as one cylinder and two spheres.
 pub(crate) fn urdf() -> String {
     let mut out = String::from(
         "<?xml version=\"1.0\"?>\n\

@@ -1,4 +1,4 @@
-//! From a spec to a folder and its truth.
+//! From a specification to a recording and its label.
 
 use crate::WorldError;
 use crate::arm::{JOINTS, JointVector};
@@ -27,16 +27,16 @@ use vsf_data::{Dataset, RobotRef, Sequence, Splits, Table};
 /// Standard deviation of the torque noise of a joint \[N m\].
 const NOISE_NM: f64 = 0.05;
 
-/// Recorded angles are rounded to this \[rad\].
+/// Step to which recorded angles are rounded \[rad\].
 const ANGLE_STEP: f64 = 1e-4;
 
 /// Spacing of the points of a recording \[m\].
 const GRID: f64 = 0.012;
 
-/// Samples per step of a trial.
+/// Stride of samples in a trial.
 const TRIAL_STRIDE: usize = 4;
 
-/// An object, an arm before it, and a session of touches, all drawn from a seed.
+/// An object, an arm in front of it, and a session of touches, all drawn from a seed.
 pub(crate) struct World {
     object: Box<dyn Object>,
     base: Isometry3<f64>,
@@ -45,8 +45,8 @@ pub(crate) struct World {
 }
 
 impl World {
-    /// Draws a world. Its stiffness is such that the torques peak at 7 to 13 N m, on average over the
-    /// sequences, and neither site is far off.
+    /// Draws a world. Its stiffness makes the torques peak at 7 to 13 N m, averaged over the sequences, with neither site
+    /// far off.
     ///
     /// # Errors
     /// [`WorldError::OutOfReach`].
@@ -94,7 +94,7 @@ impl World {
         Ok(world)
     }
 
-    /// Torques of the touch.
+    /// Joint torques of the touch.
     pub fn touch(&mut self, effects: &[Effect], stride: usize) -> Vec<Rows> {
         let object = self.object.as_mut();
         touch_torques(
@@ -107,8 +107,8 @@ impl World {
         )
     }
 
-    /// What the torque sensors say without noise, and what the world without effects causes at the
-    /// recorded angles. Every `stride`-th sample.
+    /// The torques of the sensors without noise, and those of the world without effects at the recorded angles. Every
+    /// `stride`-th sample.
     pub fn with_and_without(
         &mut self,
         effects: &[Effect],
@@ -141,7 +141,7 @@ impl World {
         (with, without)
     }
 
-    /// What the encoders say, before rounding.
+    /// The encoder angles before rounding.
     fn recorded_angles(&self, effects: &[Effect]) -> Vec<Rows> {
         let mut recorded: Vec<Rows> = self.plan.iter().map(|t| t.q.clone()).collect();
         for effect in effects {
@@ -161,19 +161,17 @@ impl World {
     }
 }
 
-/// What the recordings name as their maker ([`Dataset::made_by`]).
+/// The maker that the recordings name ([`Dataset::made_by`]).
 pub const MAKER: &str = "vsf-world";
 
-/// Makes the case `spec` and writes its recording into the folder `dir`, which is created. The
-/// folder holds no hint of the case: its own name is all that it says of itself.
+/// Generates the case `spec` and writes its recording into the folder `dir`, which is created.
 ///
-/// The recording has the form of all recordings: `dataset.json`, `points.npy` (a regular grid of
-/// 12 mm over the object and 1 cm around it), `robot/robot.urdf`, and `angles`, `velocities` and `torques`
-/// of six sequences of 700 samples at 70 Hz, four to train and two to test.
+/// The folder contains no hint of the case: it states nothing but its own name. The recording has the usual form:
+/// `dataset.json`, `points.npy` (a regular grid of 12 mm over the object and 1 cm around it), `robot/robot.urdf`, and
+/// `angles`, `velocities` and `torques` of six sequences with 700 samples at 70 Hz, four for training and two for test.
 ///
 /// # Errors
-/// [`WorldError`]. Names are checked before anything is simulated; nothing is written before the
-/// case is whole.
+/// [`WorldError`]. Names are checked before anything is simulated. Nothing is written before the case is complete.
 ///
 /// ```no_run
 /// use vsf_world::{CaseSpec, Kind, Level, Protocol, generate};
@@ -258,7 +256,7 @@ fn check(spec: &CaseSpec) -> Result<(), WorldError> {
     Ok(())
 }
 
-/// A stream of random numbers of its own for each purpose.
+/// A separate random number stream for each purpose.
 fn stream(seed: u64, purpose: u64) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed.rotate_left(17) ^ purpose.wrapping_mul(0x9E37_79B9_7F4A_7C15))
 }
@@ -270,14 +268,14 @@ fn peaks(tau: &[Rows]) -> Vec<f64> {
     tau.iter().map(peak).collect()
 }
 
-/// Whether touches of the same site, every other sequence, meet about the same resistance: a shoot
-/// that is pushed along its axis jams.
+/// Whether touches of the same site, every other sequence, meet similar resistance. A shoot that is pushed along its axis
+/// jams.
 fn alike(peaks: &[f64]) -> bool {
     let site = |first: usize| peaks.iter().skip(first).step_by(2).copied();
     (0..2).all(|s| site(s).fold(0.0, f64::max) < 1.9 * site(s).fold(f64::INFINITY, f64::min))
 }
 
-/// The robot's place in a recording.
+/// The robot's path in a recording.
 fn urdf() -> PathBuf {
     Path::new(Dataset::ROBOT).join("robot.urdf")
 }
@@ -331,7 +329,7 @@ fn recording(
     })
 }
 
-/// Torques with noise that remembers a share of itself.
+/// Adds first-order autoregressive noise to torques.
 fn noisy(tau: &[JointVector], ar1: f64, rng: &mut Pcg64Mcg) -> Rows {
     let mut normal = || -> f64 { StandardNormal.sample(rng) };
     let fresh = NOISE_NM * (1.0 - ar1 * ar1).sqrt();
@@ -345,7 +343,7 @@ fn noisy(tau: &[JointVector], ar1: f64, rng: &mut Pcg64Mcg) -> Rows {
         .collect()
 }
 
-/// The points that a recording gives: a regular grid over the object and a little more.
+/// The points of a recording: a regular grid over the object and a little beyond.
 fn grid(object: &dyn Object) -> Vec<Point3<f64>> {
     let [low, high] = object.bounds();
     let low = low - Vector3::repeat(0.012);

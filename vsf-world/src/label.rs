@@ -1,4 +1,4 @@
-//! The truth about a case.
+//! The ground truth of a case.
 
 use crate::arm::{JOINTS, JointVector};
 use crate::case::{CaseSpec, Class, Level};
@@ -8,20 +8,20 @@ use crate::sensor::Rows;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The truth about a case, which no recording holds.
+/// The ground truth of a case, which no recording contains.
 ///
-/// Differences are those of noise-free torques: as recorded, less those of the same world without
-/// effects at the *recorded* angles. For an effect that changes the recorded angles alone
-/// (`what_if`), that is the change that the recorded angles would cause.
+/// Differences are those of noise-free torques: as recorded, minus those of the same world without effects at the
+/// *recorded* angles. For an effect that changes only the recorded angles (`what_if`), the difference is the change that
+/// these angles would cause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Label {
-    /// What was asked for.
+    /// The requested case.
     pub spec: CaseSpec,
-    /// What kind of answer is right.
+    /// Kind of answer that is right.
     pub class: Class,
     /// The effects with their parameters.
     pub effects: Vec<AppliedEffect>,
-    /// True if an effect changes the recorded angles and not the torques.
+    /// True if an effect changes the recorded angles but not the torques.
     pub what_if: bool,
     /// RMS of `|tau|` over the test rows without effects \[N m\].
     pub rms_tau_test: f64,
@@ -33,54 +33,54 @@ pub struct Label {
     pub diff_energy_train: f64,
     /// Sum of the squared differences over the test rows and all joints \[N^2 m^2\].
     pub diff_energy_test: f64,
-    /// Shares of the squared difference, over train and test.
+    /// Shares of the squared difference, over train and test rows.
     pub truth_share: TruthShare,
     /// Largest `|tau|` without effects in each sequence \[N m\].
     pub peak_tau: Vec<f64>,
     /// Commanded depth of each sequence \[m\].
     pub push_depth_m: Vec<f64>,
-    /// Phase, start and end \[s\], per sequence.
+    /// Phases of each sequence, with start and end \[s\].
     pub schedule: Vec<Vec<(Phase, f64, f64)>>,
     /// Standard deviation of the torque noise of a joint \[N m\].
     pub noise_nm: f64,
-    /// Its correlation from sample to sample.
+    /// Correlation of the noise between consecutive samples.
     pub noise_ar1: f64,
     /// Friction coefficient of the surface without effects.
     pub friction: f64,
-    /// Noise-free torques without effects at the recorded angles, per sequence \[N m\]: what a
-    /// model that knows everything but the effects would predict.
+    /// Noise-free torques without effects at the recorded angles, per sequence \[N m\]: the prediction of a model that
+    /// knows everything but the effects.
     pub oracle: Vec<Vec<JointVector>>,
 }
 
-/// An effect as it was applied.
+/// An applied effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AppliedEffect {
     /// Name and parameters.
     #[serde(flatten)]
     pub effect: Effect,
-    /// How strong it was meant to be.
+    /// Requested strength.
     pub level: Level,
-    /// Factor on the parameters as they were drawn, found by trial.
+    /// Factor on the drawn parameters, found by trial.
     pub strength: f64,
-    /// `ratio_test` of this effect alone.
+    /// `ratio_test` for this effect alone.
     pub ratio_alone: f64,
-    /// Joints that carry it, from 1; none if it is no matter of joints.
+    /// Joints that have the effect, counted from 1; none if it does not act on joints.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub joints: Option<Vec<usize>>,
-    /// Phases in which its mean square change is at least half of that of all rows.
+    /// Phases in which the mean squared change is at least half of that over all rows.
     pub phases: Vec<Phase>,
-    /// Sequences in which its mean square change is at least half of that of all rows.
+    /// Sequences in which the mean squared change is at least half of that over all rows.
     pub sequences: Vec<String>,
 }
 
-/// Shares of a squared difference; each sums to one, or is zero where there is no difference.
+/// Shares of a squared difference. Each group sums to one, or is zero if there is no difference.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct TruthShare {
-    /// Per joint.
+    /// Shares per joint.
     pub joint: JointVector,
-    /// Per sequence, in order.
+    /// Shares per sequence, in order.
     pub sequence: Vec<f64>,
-    /// Per phase.
+    /// Shares per phase.
     pub phase: BTreeMap<Phase, f64>,
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn sequence_id(s: usize) -> String {
     format!("{s:03}")
 }
 
-/// Row by row difference.
+/// Difference row by row.
 pub(crate) fn difference(a: &[Rows], b: &[Rows]) -> Vec<Rows> {
     let row = |(a, b): (&JointVector, &JointVector)| std::array::from_fn(|j| a[j] - b[j]);
     let rows = |(a, b): (&Rows, &Rows)| a.iter().zip(b).map(row).collect();
@@ -101,14 +101,14 @@ pub(crate) fn energy(rows: &[Rows]) -> f64 {
     rows.iter().flatten().flatten().map(|x| x * x).sum()
 }
 
-/// RMS of the length of the rows of the test sequences.
+/// RMS of the norm of the rows of the test sequences.
 pub(crate) fn rms_test(rows: &[Rows]) -> f64 {
     let test = &rows[FIRST_TEST..];
     let count = test.iter().map(Vec::len).sum::<usize>().max(1);
     (energy(test) / count as f64).sqrt()
 }
 
-/// Where the difference is.
+/// Distribution of the difference over joints, sequences and phases.
 pub(crate) fn truth_share(diff: &[Rows], plan: &[Trajectory]) -> TruthShare {
     let total = energy(diff);
     let share = |e: f64| if total > 0.0 { e / total } else { 0.0 };
@@ -130,7 +130,7 @@ pub(crate) fn truth_share(diff: &[Rows], plan: &[Trajectory]) -> TruthShare {
     }
 }
 
-/// Phases and sequences in which the mean square change is at least half of the overall one.
+/// Phases and sequences in which the mean squared change is at least half of the overall one.
 pub(crate) fn where_it_acts(diff: &[Rows], plan: &[Trajectory]) -> (Vec<Phase>, Vec<String>) {
     let shares = truth_share(diff, plan);
     let rows: usize = diff.iter().map(Vec::len).sum();
@@ -154,7 +154,7 @@ pub(crate) fn where_it_acts(diff: &[Rows], plan: &[Trajectory]) -> (Vec<Phase>, 
     )
 }
 
-/// Phases with start and end.
+/// Phases with their start and end.
 pub(crate) fn schedule(phases: &[Phase]) -> Vec<(Phase, f64, f64)> {
     let mut out: Vec<(Phase, f64, f64)> = Vec::new();
     for (k, p) in phases.iter().enumerate() {

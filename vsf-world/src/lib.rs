@@ -1,8 +1,8 @@
-//! An independent simulated world that makes labeled recordings.
+//! An independent simulated world that generates labeled recordings.
 //!
-//! A Kinova Gen3 pushes into a soft object; one effect, two or none disturb what is recorded. Each
-//! [`CaseSpec`] becomes a recording without a hint of its cause, by [`generate`], and a [`Label`] with
-//! the whole truth: for tests of whatever claims to find the cause.
+//! A Kinova Gen3 pushes into a soft object while one effect, two or none disturb what is recorded. From each [`CaseSpec`],
+//! [`generate`] makes a recording without a hint of the cause, and a [`Label`] with the ground truth. They serve to test
+//! anything that claims to find the cause.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), vsf_world::WorldError> {
@@ -14,21 +14,18 @@
 //! # }
 //! ```
 //!
-//! It shares no code with the models that it is to judge: own kinematics, own contact, own forms of
-//! every effect, unlike those of textbooks. A model that is tested on data of its own making proves
-//! nothing.
+//! It shares no code with the models that it tests: it has its own kinematics, its own contact, and its own forms of every
+//! effect, which differ from those of textbooks. A model that is tested on data of its own making proves nothing.
 //!
-//! Two kinds of objects: a soft body of irregular nodes on springs, tied to their neighbors, and
-//! plants of rigid segments on torsional springs ([`Kind`]). Plants have a damping of 20 ms of their
-//! own, bodies none. A session has six sequences, which begin 20 s apart though the time stamps of
-//! each begin at zero; the first four train, the last two test. They touch two places in turn, each
-//! time in another posture.
+//! There are two kinds of objects ([`Kind`]): a soft body of irregular nodes on springs, tied to their neighbors, and
+//! plants of rigid segments on torsional springs. Plants have an inherent damping of 20 ms, bodies have none. A session has
+//! six sequences, which begin 20 s apart, although the time stamps of each begin at zero. The first four are for training,
+//! the last two for test. They touch two places in turn, each time in another posture.
 //!
-//! A plain stiffness field, estimated by `vsf estimate` from cases without effect, leaves about a
-//! tenth of the torques of the test sequences of bodies and a third of those of plants.
+//! On cases without effect, a plain stiffness field estimated by `vsf estimate` leaves about a tenth of the torques of the
+//! test sequences for bodies, and a third for plants.
 //!
-//! Rejected: a rigid-body engine. It would bring a dependency larger than this workspace for a
-//! motion that is quasi-static.
+//! Rejected: a rigid-body engine. It would be a dependency larger than this workspace, for a motion that is quasi-static.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -1,16 +1,16 @@
-//! The law of one element: a node on its spring, or a joint of a plant.
+//! The material law of one element: a node on its spring, or a joint of a plant.
 
 use crate::effect::Effect;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, RngExt};
 
-/// Rate at which the power law of viscosity equals the linear one \[m/s\].
+/// Speed at which the power law of viscosity equals the linear one \[m/s\].
 const REFERENCE_SPEED: f64 = 0.05;
 
-/// Time in which matter follows the motion of its surface \[s\].
+/// Time constant with which matter follows the motion of its surface \[s\].
 const ENTRAINMENT: f64 = 0.06;
 
-/// How matter answers to displacement. The default is a linear spring.
+/// Material law. The default is a linear spring.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Material {
     stiffening: Option<(f64, f64)>,
@@ -20,36 +20,36 @@ pub(crate) struct Material {
     relaxation: Option<([f64; 3], [f64; 3])>,
     fibers: Option<(f64, f64, f64)>,
     drag: Option<(f64, f64)>,
-    /// Mean stiffness of the object \[N/m\]. Mass and drag are as that of a mean element everywhere.
+    /// Mean stiffness of the object \[N/m\]. Everywhere, mass and drag are those of a mean element.
     pub typical_stiffness: f64,
 }
 
-/// What one element remembers.
+/// State of one element.
 #[derive(Debug, Clone)]
 pub(crate) struct Element {
     /// Stiffness \[N/m\].
     pub stiffness: f64,
     /// Displacement at the last step \[m\].
     pub u: Vector3<f64>,
-    /// Where its rest place has moved \[m\].
+    /// Shift of its rest position \[m\].
     set: Vector3<f64>,
     set_path: f64,
     /// Largest displacement so far \[m\].
     largest: f64,
     branches: [Vector3<f64>; 3],
     flow: Vector3<f64>,
-    /// Direction of its fiber.
+    /// Direction of the fiber.
     fiber: Vector3<f64>,
-    /// Uneven strength: yield and adhesion, about 1.
+    /// Variation of strength, for yield and adhesion, about 1.
     pub strength: f64,
 }
 
-/// Force and slope of an element at a displacement that is tried.
+/// Force and slope of an element at a trial displacement.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Response {
-    /// Force on the element \[N\], against the displacement.
+    /// Force on the element \[N\], opposite to the displacement.
     pub force: Vector3<f64>,
-    /// A bound of the slope that steps toward equilibrium use \[N/m\].
+    /// A bound of the slope, for steps toward equilibrium [N/m].
     pub slope: f64,
 }
 
@@ -116,7 +116,7 @@ impl Material {
         m
     }
 
-    /// Lays the fiber of an element at `place`.
+    /// Sets the fiber direction of an element at `place`.
     pub fn lay_fiber(&self, element: &mut Element, place: &Point3<f64>) {
         if let Some((_, heading, winding)) = self.fibers {
             let angle = heading + winding * (place.z + 0.5 * place.y);
@@ -124,7 +124,7 @@ impl Material {
         }
     }
 
-    /// Rest place after `u`, and how far it has moved in all.
+    /// Shift of the rest position after `u`, and how far it has moved in all.
     fn flow_to(&self, e: &Element, u: &Vector3<f64>) -> (Vector3<f64>, f64) {
         let Some((yield_m, hardening)) = self.plastic else {
             return (e.set, e.set_path);
@@ -186,7 +186,7 @@ impl Material {
         Response { force, slope }
     }
 
-    /// Takes `u` as the displacement of this step.
+    /// Accepts `u` as the displacement of this step.
     pub fn commit(&self, e: &mut Element, u: Vector3<f64>, dt: f64) {
         (e.set, e.set_path) = self.flow_to(e, &u);
         e.largest = e.largest.max((u - e.set).norm());

@@ -1,4 +1,4 @@
-//! How the arm moves in a session.
+//! Motion of the arm in a session.
 
 use crate::WorldError;
 use crate::arm::{Arm, JOINTS, JointVector, WorldCapsule};
@@ -9,74 +9,73 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-/// Samples of a sequence.
+/// Samples per sequence.
 pub const SAMPLES: usize = 700;
 
 /// Sample rate \[Hz\].
 pub const RATE_HZ: f64 = 70.0;
 
-/// Sequences of a session; the last two test.
+/// Sequences per session; the last two are for test.
 pub const SEQUENCES: usize = 6;
 
-/// First of the sequences that test.
+/// Index of the first test sequence.
 pub const FIRST_TEST: usize = 4;
 
-/// Time between the beginnings of two sequences \[s\].
+/// Time between the starts of two sequences \[s\].
 pub const SESSION_STEP_S: f64 = 20.0;
 
 /// What the arm does in a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Protocol {
-    /// Free, approach, load, hold, unload, free, a deeper retouch at another speed with hold and
-    /// unload, free.
+    /// Free, approach, load, hold, unload, free; then a deeper touch at another speed with hold and unload, and free again.
     Rich,
     /// Approach, load, unload.
     PushOnly,
 }
 
-/// What the arm does at a time.
+/// Phase of the arm's motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// Away from the object.
     Free,
-    /// On the way to it.
+    /// Moving toward the object.
     Approach,
-    /// Deeper into it.
+    /// Pushing deeper into the object.
     Load,
-    /// At rest in it.
+    /// At rest in the object.
     Hold,
-    /// Out of it.
+    /// Moving out of the object.
     Unload,
 }
 
-/// One sequence as it was commanded.
+/// The commanded motion of one sequence.
 #[derive(Debug, Clone)]
 pub(crate) struct Trajectory {
     pub q: Vec<JointVector>,
     pub phases: Vec<Phase>,
-    /// Deepest commanded depth of the tip \[m\].
+    /// Largest commanded depth of the tip \[m\].
     pub depth_m: f64,
 }
 
-/// Tip paths begin here, this far out of the object \[m\].
+/// Distance from the object at which tip paths begin \[m\].
 const STANDOFF: f64 = 0.055;
 
-/// Where free motion turns round \[m\].
+/// Distance from the object at which free motion reverses \[m\].
 const PULLED_BACK: f64 = 0.09;
 
-/// The object is taken to begin this far before the tip's site \[m\].
+/// Distance before the tip's site at which the object is assumed to begin \[m\].
 const SKIN: f64 = 0.006;
 
-/// A motion between two depths; negative depths are outside.
+/// A motion between two depths; negative depths are outside the object.
 struct Leg {
     phase: Phase,
     to: f64,
     seconds: f64,
 }
 
-/// The sequences of a session: two sites, touched from three postures each.
+/// The sequences of a session: two sites, each touched from three postures.
 pub(crate) fn plan(
     object: &dyn Object,
     base: &Isometry3<f64>,
@@ -111,9 +110,9 @@ pub(crate) fn plan(
 /// What the touches of one site have in common.
 struct Style {
     site: Site,
-    /// Where the hand points.
+    /// Pointing direction of the hand.
     pointing: Vector3<f64>,
-    /// Angles from which the arm reaches for it.
+    /// Angles from which the inverse kinematics start.
     start: JointVector,
 }
 
@@ -135,7 +134,7 @@ fn turned(v: &Vector3<f64>, angle: f64, rng: &mut Pcg64Mcg) -> Vector3<f64> {
     UnitQuaternion::from_scaled_axis(axis) * v
 }
 
-/// A push at a site from a posture that is drawn.
+/// A push at a site, from a random posture.
 fn touch(
     object: &dyn Object,
     base: &Isometry3<f64>,
@@ -211,7 +210,7 @@ fn touch(
     })
 }
 
-/// The parts of a sequence. A load comes in one sweep from outside.
+/// The parts of a sequence. A load is one sweep from outside.
 fn legs(protocol: Protocol, first: f64, second: f64, rng: &mut Pcg64Mcg) -> Vec<Leg> {
     let mut leg = |phase, to, seconds: f64| Leg {
         phase,
@@ -238,7 +237,7 @@ fn legs(protocol: Protocol, first: f64, second: f64, rng: &mut Pcg64Mcg) -> Vec<
     }
 }
 
-/// Free at standoff, and at depth nothing but the hand and the wrist in the object.
+/// Whether the arm is free at standoff, and at depth only the hand and the wrist are in the object.
 fn is_clear(object: &dyn Object, arm: &mut Arm, out: &JointVector, deep: &JointVector) -> bool {
     let mut capsules: Vec<WorldCapsule> = Vec::new();
     arm.set(out);

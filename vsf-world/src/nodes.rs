@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
-/// Mean distance of nodes \[m\].
+/// Mean distance between nodes \[m\].
 pub(crate) const SPACING: f64 = 0.0085;
 
 /// Nodes of the body, irregular but nowhere much closer than their mean distance.
@@ -35,7 +35,7 @@ pub(crate) fn triples([nx, ny, nz]: [usize; 3]) -> impl Iterator<Item = (usize, 
     (0..nx).flat_map(move |i| (0..ny).flat_map(move |j| (0..nz).map(move |k| (i, j, k))))
 }
 
-/// Soft ground with stiff regions, uneven from node to node.
+/// A soft background with stiff regions, varying from node to node.
 pub(crate) fn stiffness_field(body: &Body, rest: &[Point3<f64>], rng: &mut Pcg64Mcg) -> Vec<f64> {
     let [low, high] = body.bounds();
     let regions: Vec<_> = (0..rng.random_range(3..6))

@@ -1,4 +1,4 @@
-//! What an object of a world can do.
+//! Interface of the objects of a world.
 
 use crate::arm::{JOINTS, Touch, WorldCapsule};
 use crate::effect::Effect;
@@ -6,10 +6,10 @@ use crate::material::Material;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use rand_pcg::Pcg64Mcg;
 
-/// The arm as an object meets it, in the frame of the object.
+/// The arm as seen by an object, in the frame of the object.
 pub(crate) struct Meeting<'a> {
     pub capsules: &'a [WorldCapsule],
-    /// Motion of every link since the last step: new pose times inverse of the old.
+    /// Motion of every link since the last step: new pose times the inverse of the old one.
     pub motion: &'a [Isometry3<f64>; JOINTS + 1],
     /// Time since the last step \[s\].
     pub dt: f64,
@@ -19,20 +19,19 @@ pub(crate) struct Meeting<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Site {
     pub point: Point3<f64>,
-    /// Into the object.
+    /// Direction into the object.
     pub inward: Unit<Vector3<f64>>,
-    /// How far to push at first \[m\].
+    /// Depth of the first push \[m\].
     pub depth: f64,
 }
 
-/// How surfaces meet and matter answers.
+/// Parameters of surfaces and material.
 #[derive(Debug, Clone)]
 pub(crate) struct Physics {
     pub material: Material,
     /// Friction coefficient.
     pub friction: f64,
-    /// Displacement whose spring force the surfaces bear in tension \[m\], and the time \[s\] of
-    /// contact until they do.
+    /// Displacement whose spring force the surfaces bear in tension \[m\], and the contact time until they do \[s\].
     pub adhesion: Option<(f64, f64)>,
     /// Factor on the springs between neighbors.
     pub coupling: f64,
@@ -60,29 +59,29 @@ impl Physics {
     }
 }
 
-/// Something soft to touch. It lives in its own frame, which a session may move.
+/// A soft object to touch. It lives in its own frame, which a session may move.
 pub(crate) trait Object {
-    /// Brings it back to its state before any touch, with this physics.
+    /// Restores the state before any touch, with this physics.
     fn reset(&mut self, physics: &Physics);
 
-    /// Moves it one step on. Adds the forces on the arm to `touches`, in the object's frame.
+    /// Advances by one step. Adds the forces on the arm to `touches`, in the object's frame.
     fn step(&mut self, arm: &Meeting<'_>, touches: &mut Vec<Touch>);
 
-    /// Lets it come to rest without the arm for a time \[s\].
+    /// Lets the object recover for a time without the arm \[s\].
     fn recover(&mut self, seconds: f64);
 
     /// A place to push at, seen from the arm's base at `from`.
     fn site(&self, from: &Point3<f64>, rng: &mut Pcg64Mcg) -> Option<Site>;
 
-    /// How many of its places at rest lie within a capsule.
+    /// Number of its places at rest within a capsule.
     fn overlap(&self, capsule: &WorldCapsule) -> usize;
 
-    /// True if a point of a regular grid stands for it: within it or not far outside.
+    /// True if a point of a regular grid represents the object: within it or not far outside.
     fn covers(&self, point: &Point3<f64>) -> bool;
 
-    /// Smallest and largest corner.
+    /// Smallest and largest corner of the bounding box.
     fn bounds(&self) -> [Point3<f64>; 2];
 
-    /// Makes it `factor` times as stiff.
+    /// Multiplies the stiffness by `factor`.
     fn scale_stiffness(&mut self, factor: f64);
 }

@@ -1,8 +1,7 @@
 //! Jointed stems and branches: rigid segments, each on a torsional spring in three axes.
 //!
-//! Pushes are slow, so that the plant is always in balance, but for a little damping. A step finds
-//! that balance by a few linearizations; in each, contacts are solved one after the other until the
-//! forces are within their friction cones.
+//! Pushes are slow, so the plant is always in equilibrium, except for a little damping. A step finds the equilibrium by a
+//! few linearizations. In each, contacts are solved one after the other until the forces are within their friction cones.
 
 use crate::arm::{Touch, WorldCapsule};
 use crate::material::Element;
@@ -12,19 +11,19 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
-/// Lever by which a bend \[rad\] becomes the displacement \[m\] that the law of matter speaks of.
+/// Lever that converts a bend \[rad\] into the displacement \[m\] of the material law.
 const LEVER: f64 = 0.5;
 
-/// Time in which a bend recovers by itself \[s\].
+/// Time constant with which a free bend recovers \[s\].
 const DAMPING: f64 = 0.02;
 
-/// Linearizations in a step.
+/// Linearizations per step.
 const ROUNDS: usize = 3;
 
-/// Largest bend in one of them \[rad\].
+/// Largest bend per linearization \[rad\].
 const LARGEST_BEND: f64 = 0.15;
 
-/// A rigid piece along z of its frame, on a joint at its beginning.
+/// A rigid piece along the z axis of its frame, on a joint at its beginning.
 pub(crate) struct Segment {
     pub parent: Option<usize>,
     /// Frame of the joint in the frame of the parent, at rest.
@@ -34,7 +33,7 @@ pub(crate) struct Segment {
     element: Element,
     bend: UnitQuaternion<f64>,
     pub pose: Isometry3<f64>,
-    /// Where it was after the last step.
+    /// Pose after the last step.
     pub last: Isometry3<f64>,
     rest: Isometry3<f64>,
 }
@@ -58,7 +57,7 @@ pub(crate) struct Plant {
 }
 
 impl Plant {
-    /// A plant in front of an arm whose base is at `base`.
+    /// Draws a plant in front of an arm whose base is at `base`.
     pub fn draw(base: &Point3<f64>, physics: &Physics, rng: &mut Pcg64Mcg) -> Self {
         let mut plant = Self {
             segments: Vec::new(),
@@ -151,7 +150,7 @@ impl Plant {
         }
     }
 
-    /// Poses from bends; parents come before their children.
+    /// Computes poses from bends; parents come before their children.
     fn place(&mut self) {
         for i in 0..self.segments.len() {
             let s = &self.segments[i];
@@ -162,7 +161,7 @@ impl Plant {
         }
     }
 
-    /// Compliances and turns of joints that no contact hinders.
+    /// Computes the compliances and turns of the joints as they are without contacts.
     fn linearize(&mut self, dt: f64) {
         self.compliance.clear();
         self.turns.clear();
@@ -195,7 +194,7 @@ impl Plant {
         self.place();
     }
 
-    /// Torque of a force at `point` of segment `of` on the joints below it: adds to the turns.
+    /// Adds the torque of a force at `point` of segment `of` to the turns of the joints below it.
     pub fn push(&mut self, of: usize, point: &Point3<f64>, force: &Vector3<f64>) {
         let mut next = Some(of);
         while let Some(i) = next {
@@ -206,7 +205,7 @@ impl Plant {
         }
     }
 
-    /// How far the turns move a point of segment `of`.
+    /// Displacement of a point of segment `of` by the turns.
     pub fn moved(&self, of: usize, point: &Point3<f64>) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
         let mut next = Some(of);
@@ -218,7 +217,7 @@ impl Plant {
         sum
     }
 
-    /// How far a unit force along `direction` moves its point along itself [m/N].
+    /// Compliance of a point along `direction`: its displacement along a unit force [m/N].
     pub fn give(&self, of: usize, point: &Point3<f64>, direction: &Vector3<f64>) -> f64 {
         let mut sum = 0.0;
         let mut next = Some(of);
@@ -234,8 +233,7 @@ impl Plant {
 
 #[cfg(test)]
 impl Plant {
-    /// Largest torque of a joint's spring that the touches do not balance, and largest torque of a
-    /// spring \[N m\]; at rest.
+    /// Largest torque of a joint's spring that the touches do not balance, and largest torque of a spring \[N m\]; at rest.
     pub(crate) fn imbalance(&self, touches: &[Touch]) -> (f64, f64) {
         let spring = |s: &Segment| {
             let frame = s.pose.rotation * s.bend.inverse();

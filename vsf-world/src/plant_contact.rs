@@ -4,16 +4,16 @@ use crate::object::Meeting;
 use crate::plant::Plant;
 use nalgebra::{Point3, Unit, Vector3};
 
-/// Surfaces nearer than this may come to touch in a step \[m\].
+/// Surfaces nearer than this may come into contact within a step \[m\].
 const NEAR: f64 = 0.015;
 
-/// Give of the surfaces themselves [m/N].
+/// Compliance of the surfaces themselves [m/N].
 const SURFACE: f64 = 1.5e-4;
 
-/// Rounds over all contacts.
+/// Sweeps over all contacts.
 const SWEEPS: usize = 25;
 
-/// What lasts of a contact from step to step.
+/// State of a contact that lasts from step to step.
 #[derive(Debug, Clone)]
 pub(crate) struct Hold {
     segment: usize,
@@ -22,19 +22,19 @@ pub(crate) struct Hold {
     dwell: f64,
 }
 
-/// A segment next to a capsule of the arm.
+/// A contact of a segment with a capsule of the arm.
 #[derive(Debug, Clone)]
 pub(crate) struct Contact {
     segment: usize,
     pub capsule: usize,
-    /// On the axis of the segment.
+    /// Point on the axis of the segment.
     point: Point3<f64>,
-    /// On the surface of the capsule.
+    /// Point on the surface of the capsule.
     pub on_arm: Point3<f64>,
-    /// From the arm to the plant.
+    /// Direction from the arm to the plant.
     normal: Unit<Vector3<f64>>,
     gap: f64,
-    /// How far the point has moved along the arm since the last step.
+    /// Motion of the point along the arm since the last step.
     slid: Vector3<f64>,
     /// Force on the plant.
     pub force: Vector3<f64>,
@@ -43,7 +43,7 @@ pub(crate) struct Contact {
 }
 
 impl Plant {
-    /// All contacts of this moment, with the forces of the step before as a first guess.
+    /// All contacts of this step, with the forces of the previous step as a first guess.
     pub(crate) fn meet(&mut self, arm: &Meeting<'_>) -> Vec<Contact> {
         let mut contacts = Vec::new();
         for (segment, s) in self.segments.iter().enumerate() {
@@ -88,7 +88,7 @@ impl Plant {
         contacts
     }
 
-    /// Finds the forces at which nothing overlaps and nothing slides within its cone.
+    /// Finds the forces at which nothing overlaps, and nothing slides while within its friction cone.
     pub(crate) fn solve(&mut self, contacts: &mut [Contact]) {
         for c in contacts.iter() {
             self.push(c.segment, &c.point, &c.force);
@@ -122,7 +122,7 @@ impl Plant {
         }
     }
 
-    /// Keeps what the next step begins with.
+    /// Keeps the state for the next step.
     pub(crate) fn remember(&mut self, contacts: &[Contact], dt: f64) {
         let before = std::mem::take(&mut self.holds);
         for c in contacts.iter().filter(|c| c.force != Vector3::zeros()) {

@@ -4,21 +4,21 @@ use crate::arm::{Arm, JOINTS, JointVector};
 use crate::gen3::LIMITS;
 use nalgebra::{Point3, SMatrix, SVector, Unit, Vector3};
 
-/// Tip of the hand, frame of the last link \[m\].
+/// Tip of the hand in the frame of the last link \[m\].
 pub(crate) const TIP: Point3<f64> = Point3::new(0.0, 0.0, -0.0665);
 
-/// Where the tip is to be, and where the hand is to point.
+/// Goal for the position of the tip and the pointing direction of the hand.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Goal {
     pub tip: Point3<f64>,
     pub pointing: Unit<Vector3<f64>>,
 }
 
-/// Weight of the pointing against the place: m per rad.
+/// Weight of the direction relative to the position: m per rad.
 const LEVER: f64 = 0.15;
 
-/// Angles near `start` that reach the goal to 0.1 mm and 1e-3 rad; the turn about the axis of the
-/// hand is free. `None` if there are none within the limits.
+/// Angles near `start` that reach the goal to within 0.1 mm and 1e-3 rad. The rotation about the axis of the hand is free.
+/// `None` if there are none within the limits.
 pub(crate) fn reach(arm: &mut Arm, start: &JointVector, goal: &Goal) -> Option<JointVector> {
     let mut q = *start;
     for _ in 0..60 {
@@ -47,7 +47,7 @@ pub(crate) fn reach(arm: &mut Arm, start: &JointVector, goal: &Goal) -> Option<J
     None
 }
 
-/// What is missing, and its derivative with respect to the joints.
+/// The remaining error, and its derivative with respect to the joints.
 fn linearize(arm: &Arm, goal: &Goal) -> (SVector<f64, 6>, SMatrix<f64, 6, JOINTS>) {
     let hand = &arm.poses()[JOINTS];
     let tip = hand * TIP;

@@ -1,4 +1,4 @@
-//! Effects of sensors, gears and weights: what becomes of the torques of the touch.
+//! Effects of sensors, gears and weights, applied to the torques of the touch.
 
 use crate::arm::{Arm, JOINTS, JointVector, Mass, link_masses, weight_torques};
 use crate::effect::Effect;
@@ -23,8 +23,7 @@ pub(crate) fn rates(rows: &[JointVector], rate_hz: f64) -> Rows {
         .collect()
 }
 
-/// What the sensors say of the touch torques `tau` of a session with joint angles `q`; one row of
-/// `stride` samples each.
+/// The sensor torques from the touch torques `tau` of a session with joint angles `q`; one row per `stride` samples.
 pub(crate) fn sense(
     effects: &[Effect],
     base: &Isometry3<f64>,
@@ -118,7 +117,7 @@ impl Session<'_> {
         }
     }
 
-    /// Effects that act on every joint of every sample by itself.
+    /// Applies effects that act on every joint of every sample independently.
     fn each_sample(&self, effect: &Effect, tau: &mut [Rows]) {
         for (s, rows) in tau.iter_mut().enumerate() {
             for (k, row) in rows.iter_mut().enumerate() {
@@ -132,7 +131,7 @@ impl Session<'_> {
         }
     }
 
-    /// Weight and inertia of masses: `J^T m (g - a)`.
+    /// Adds weight and inertia of masses: `J^T m (g - a)`.
     fn hang(&self, masses: &[Mass], tau: &mut [Rows]) {
         let mut arm = Arm::new(*self.base);
         for (rows, q) in tau.iter_mut().zip(self.q) {
@@ -162,7 +161,7 @@ impl Session<'_> {
         }
     }
 
-    /// Weight of the links in a gravity that is turned, less their weight as it should be.
+    /// Adds the weight of the links under a turned gravity, minus their nominal weight.
     fn tilt(&self, heading: f64, angle: f64, tau: &mut [Rows]) {
         let axis = Vector3::new(heading.cos(), heading.sin(), 0.0);
         let change = UnitQuaternion::from_scaled_axis(axis * angle) * GRAVITY - GRAVITY;
@@ -190,7 +189,7 @@ impl Session<'_> {
     }
 }
 
-/// What the effect adds to the torque of joint `j` at the session's time `t`.
+/// The torque that the effect adds at joint `j` at the session's time `t`.
 fn change(effect: &Effect, j: usize, q: &JointVector, qd: &JointVector, tau: f64, t: f64) -> f64 {
     let direction = |v: f64, width: f64| v / (v * v + width * width).sqrt();
     match effect {
@@ -262,7 +261,7 @@ pub(crate) fn add(a: &mut JointVector, b: &JointVector, s: f64) {
     }
 }
 
-/// Delays rows by a number of rows, in between by interpolation.
+/// Delays rows by a number of rows, with interpolation.
 fn delay(rows: &mut Rows, by: f64) {
     let at = |k: usize| {
         let x = (k as f64 - by).max(0.0);

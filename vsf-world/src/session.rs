@@ -1,4 +1,4 @@
-//! The arm touches the object, sequence after sequence.
+//! Simulates a session: the arm touches the object, sequence after sequence.
 
 use crate::arm::{Arm, JOINTS, JointVector, Touch, WorldCapsule};
 use crate::effect::Effect;
@@ -7,12 +7,11 @@ use crate::object::{Meeting, Object, Physics};
 use crate::sensor::{Rows, add};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// What a deflection makes up of the rest of its way in a step. It follows the load of the step
-/// before, and all of it at once would swing.
+/// Share of its remaining way that a deflection covers in a step. It follows the load of the previous step; the full way
+/// would oscillate.
 const FOLLOW: f64 = 0.5;
 
-/// Joint torques of the touch alone: no weight, no friction, no noise. Every `stride`-th sample is
-/// simulated and given back.
+/// Joint torques of the touch alone: no weight, no friction, no noise. Every `stride`-th sample is simulated and returned.
 pub(crate) fn touch_torques(
     object: &mut dyn Object,
     base: &Isometry3<f64>,
@@ -48,7 +47,7 @@ pub(crate) fn touch_torques(
     out
 }
 
-/// Where the object stands in sequence `s`, relative to where it is said to.
+/// Pose of the object in sequence `s`, relative to its stated pose.
 fn placement(object: &dyn Object, effects: &[Effect], s: usize) -> Isometry3<f64> {
     let [low, high] = object.bounds();
     let center = nalgebra::center(&low, &high).coords;
@@ -71,9 +70,9 @@ struct Run<'a> {
     arm: &'a mut Arm,
     effects: &'a [Effect],
     placed: Isometry3<f64>,
-    /// How far the object has given way as a whole \[m\].
+    /// Shift of the object as a whole \[m\].
     shift: Vector3<f64>,
-    /// How far the links have turned away from the encoders \[rad\].
+    /// Deflection of the links from the encoder angles \[rad\].
     deflection: JointVector,
     dt: f64,
 }
@@ -130,7 +129,7 @@ impl Run<'_> {
         rows
     }
 
-    /// What gear, drive and base do under the load of this step.
+    /// Updates gear, drive and base deflections for the load of this step.
     fn give_way(&mut self, tau: &JointVector, push: &Vector3<f64>) {
         let mut bent = [0.0; JOINTS];
         let mut shift = Vector3::zeros();
@@ -177,7 +176,7 @@ struct Ball {
 }
 
 impl Ball {
-    /// In the way of the link at its deepest in the last sequence.
+    /// Places the ball in the way of the link, at its deepest posture in the last sequence.
     fn place(effect: &Effect, arm: &mut Arm, plan: &[Trajectory]) -> Option<Self> {
         const RADIUS: f64 = 0.05;
         let Effect::SecondObject {

@@ -1,8 +1,8 @@
 //! A soft body of irregular nodes, each on a spring of its own and tied to its neighbors.
 //!
-//! A node that the arm has reached stays on the arm's surface and moves along with it; the force
-//! that holds it there is returned to the friction cone by sliding. All others are where their
-//! springs balance. A step is a few sweeps of Gauss-Seidel over the nodes that are not at rest.
+//! A node that the arm has reached stays on the arm's surface and moves with it. If the force that holds it there leaves
+//! the friction cone, sliding returns it. All other nodes are where their springs balance. A step consists of a few
+//! Gauss-Seidel sweeps over the nodes that are not at rest.
 
 use crate::WorldError;
 use crate::arm::{Touch, WorldCapsule};
@@ -15,16 +15,16 @@ use nalgebra::{Point3, Unit, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
-/// Sweeps in a step.
+/// Sweeps per step.
 const SWEEPS: usize = 8;
 
-/// Stiffness of a spring between neighbors over that of a mean node.
+/// Stiffness of a spring between neighbors relative to that of a mean node.
 const TIE: f64 = 0.03;
 
 #[derive(Debug, Clone, Copy)]
 struct Hold {
     capsule: usize,
-    /// How long it has lasted \[s\].
+    /// Duration of the hold \[s\].
     dwell: f64,
 }
 
@@ -44,12 +44,12 @@ pub(crate) struct Springs {
     mean_stiffness: f64,
     physics: Physics,
     found: Vec<u32>,
-    /// Capsules that may touch anything in this step.
+    /// Capsules that may touch something in this step.
     near: Vec<usize>,
 }
 
 impl Springs {
-    /// A body in front of an arm whose base is at `base`.
+    /// Draws a body in front of an arm whose base is at `base`.
     ///
     /// # Errors
     /// [`WorldError::Search`].
@@ -108,7 +108,7 @@ impl Springs {
         }
     }
 
-    /// Wakes what the arm has reached, and the neighbors of what is held.
+    /// Wakes the nodes that the arm has reached, and the neighbors of held nodes.
     fn wake_touched(&mut self, capsules: &[WorldCapsule]) {
         let mut found = std::mem::take(&mut self.found);
         found.clear();
@@ -128,7 +128,7 @@ impl Springs {
         self.found = found;
     }
 
-    /// Nodes whose rest place is inside a capsule.
+    /// Nodes whose rest position is inside a capsule.
     fn inside(&self, c: &WorldCapsule, out: &mut Vec<u32>) {
         let mid = nalgebra::center(&c.a, &c.b);
         let reach = c.radius + 0.5 * (c.b - c.a).norm();
@@ -144,7 +144,7 @@ impl Springs {
         (0..3).all(|k| c.a[k].min(c.b[k]) - reach < high[k] && c.a[k].max(c.b[k]) + reach > low[k])
     }
 
-    /// Force on node `i` at `u` by its spring and its neighbors.
+    /// Force on node `i` at `u` from its spring and its neighbors.
     fn response(&self, i: usize, u: &Vector3<f64>, dt: f64) -> Response {
         let mut r = self.physics.material.response(&self.elements[i], u, dt);
         let tie = TIE * self.mean_stiffness * self.physics.coupling;
@@ -188,7 +188,7 @@ impl Springs {
         self.u[i] = u;
     }
 
-    /// Tension that the surfaces bear at node `i` \[N\].
+    /// Tension that the surfaces can bear at node `i` \[N\].
     fn tension(&self, i: usize, hold: &Hold) -> f64 {
         let e = &self.elements[i];
         self.physics.adhesion.map_or(0.0, |(stretch, dwell)| {
@@ -196,7 +196,7 @@ impl Springs {
         })
     }
 
-    /// Sum of the forces of all springs to the ground on the nodes \[N\], at the last step.
+    /// Sum of the ground springs' forces on the nodes \[N\], at the last step.
     #[cfg(test)]
     pub fn ground_force(&self) -> Vector3<f64> {
         let still = |e: &Element| self.physics.material.response(e, &e.u, 1.0).force;

@@ -1,4 +1,4 @@
-//! How strong an effect has to be to change the torques by a given share.
+//! Search for the strength at which an effect changes the torques by a given share.
 
 use crate::WorldError;
 use crate::effect::Effect;
@@ -8,7 +8,7 @@ use crate::motion::SEQUENCES;
 use crate::sensor::Rows;
 use rand_pcg::Pcg64Mcg;
 
-/// A world with its torques without effects, of all samples and of some.
+/// A world with its torques without effects, for all samples and for some.
 pub(crate) struct Trial<'a> {
     pub world: &'a mut World,
     pub fine: (&'a [Rows], usize),
@@ -16,7 +16,7 @@ pub(crate) struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    /// Torque change of an effect, and its share of the torques on the test rows.
+    /// Torque change of an effect, and its ratio to the torques on the test rows.
     fn change(&mut self, effect: &Effect, fine: bool) -> (Vec<Rows>, f64) {
         let (nominal, stride) = if fine { self.fine } else { self.coarse };
         let effects = std::slice::from_ref(effect);
@@ -27,17 +27,17 @@ impl Trial<'_> {
     }
 }
 
-/// An effect at the strength that was asked for.
+/// An effect at the requested strength.
 pub(crate) struct Found {
     pub effect: Effect,
     pub strength: f64,
     pub ratio: f64,
-    /// Its torque change alone.
+    /// Torque change of this effect alone.
     pub diff: Vec<Rows>,
 }
 
-/// Draws the effect `name` and scales it to change the test torques by about `target` of their
-/// RMS, in any case within `band`.
+/// Draws the effect `name` and scales it so that it changes the test torques by about `target` of their RMS, in any case
+/// within `band`.
 pub(crate) fn find_strength(
     trial: &mut Trial<'_>,
     name: &str,
@@ -83,8 +83,8 @@ pub(crate) fn find_strength(
     })
 }
 
-/// Strength up to `most` at which `ratio` is `target`, by secants of the logarithms from `start`; the nearest of
-/// `tries`, or the first within the tolerance.
+/// Strength up to `most` at which `ratio` is `target`, by the secant method on logarithms from `start`. Returns the nearest
+/// of `tries`, or the first within the tolerance.
 fn search(
     start: f64,
     most: f64,

@@ -1,4 +1,4 @@
-//! Balances that the public functions do not show.
+//! Checks of equilibria that the public functions do not show.
 
 use crate::arm::{Arm, JOINTS, JointVector, Touch, WorldCapsule, link_masses, weight_torques};
 use crate::case::{CaseSpec, Kind, Level};

@@ -1,5 +1,4 @@
-//! Pages for the first things one wants to do. Every example on them is compiled, and run unless it asks for files
-//! of yours.
+//! A page for each of the first tasks. Every example is compiled, and run unless it needs files of your own.
 //!
 //! 1. [`first_field`]: from a touch recording on disk to a field, its errors and a picture.
 //! 2. [`recordings`]: your own recordings, ROS bags and other MCAP files, CSV files; results in Foxglove and rviz.
@@ -11,7 +10,7 @@
 //! 8. [`catalogue`]: the effects, their parameters and bounds.
 //! 9. [`your_effects`]: an effect of your own, and a corrected model in your own program.
 //! 10. [`touch_protocol`]: how to touch so that effects can be told apart.
-//! 11. [`accuracy`]: how well it predicts and how fast it is, and where it ends.
+//! 11. [`accuracy`]: how well it predicts, how fast it is, and its limits.
 //! 12. [`from_openvsf`]: folders, fields and options of OpenVSF, and what differs here.
 
 #[doc = include_str!("guide/first_field.md")]

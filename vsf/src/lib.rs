@@ -1,9 +1,8 @@
 //! Volumetric stiffness fields from joint angles and joint torques.
 //!
-//! A robot arm touches a soft object. The object is a cloud of points, each held by a spring of
-//! unknown stiffness; the torques in the arm's joints are linear in these stiffnesses. This
-//! library estimates them while the arm moves, with their uncertainty, and predicts the torques
-//! of touches that have not been made yet.
+//! A robot arm touches a soft object. The object is a cloud of points, each held by a spring of unknown stiffness. The
+//! torques in the arm's joints are linear in these stiffnesses. This library estimates them while the arm moves, with their
+//! uncertainty, and predicts the torques of touches that have not been made yet.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -60,7 +59,7 @@
 //!
 //! # Where things are
 //!
-//! This crate only re-exports; each part can be used alone.
+//! This crate only re-exports; each crate can also be used alone.
 //!
 //! | module | crate | what it holds |
 //! | --- | --- | --- |
@@ -74,9 +73,9 @@
 //! | [`pipeline`] | `vsf-pipeline` | from a recording to a field and its errors, what the `vsf` command runs |
 //! | [`gap`] | `vsf-gap` | diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it closes |
 //!
-//! With the feature `serde` estimations are saved and restored, see [`filter`].
+//! With the feature `serde`, estimates can be saved and restored; see [`filter`].
 //!
-//! The [`guide`] has a page for each of the first things one wants to do.
+//! The [`guide`] has a page for each of the first tasks.
 //!
 //! # Reference
 //! S. Yao, K. Hauser, *Estimating Tactile Models of Heterogeneous Deformable Objects in Real Time*,

@@ -1,4 +1,4 @@
-//! The names that an online estimation needs: `use vsf::prelude::*;`.
+//! The names needed for online estimation: `use vsf::prelude::*;`.
 
 pub use vsf_contact::{ContactConfig, StickSlip, link_sdfs};
 pub use vsf_core::{

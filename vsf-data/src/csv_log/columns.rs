@@ -1,17 +1,17 @@
-//! What columns are by their titles.
+//! Meaning of columns by their titles.
 
 use std::collections::HashMap;
 
-/// Titles of the time \[s\].
+/// Titles of the time column \[s\].
 const TIME: [&str; 4] = ["time", "t", "timestamp", "time_s"];
 
-/// What stands between a word and the name of a joint.
+/// Separators between a word and the name of a joint.
 const BETWEEN: [char; 3] = ['_', '.', '/'];
 
-/// Titles that will do.
+/// Example of valid titles.
 const EXAMPLE: &str = "time, q_NAME, tau_NAME";
 
-/// What is measured of a joint.
+/// Measured quantity of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Quantity {
     Position,
@@ -26,7 +26,7 @@ impl Quantity {
         self.words()[0]
     }
 
-    /// What it is called in titles.
+    /// Words for it in titles.
     fn words(self) -> &'static [&'static str] {
         match self {
             Self::Position => &["position", "pos", "q"],
@@ -35,7 +35,7 @@ impl Quantity {
         }
     }
 
-    /// The titles by which a joint may have it.
+    /// The titles by which a column may hold it for a joint.
     fn titles(self, joint: &str) -> String {
         let titles = self.words().iter().map(|word| format!("{word}_{joint}"));
         titles.collect::<Vec<_>>().join(", ")
@@ -58,7 +58,7 @@ struct Joint {
 }
 
 impl Columns {
-    /// Finds time and joints; columns of anything else are passed over.
+    /// Finds the columns of time and joints. All other columns are ignored.
     pub fn new<'a>(titles: impl Iterator<Item = &'a str>) -> Result<Self, String> {
         // NumPy marks the line as a comment.
         let titles: Vec<String> = titles
@@ -115,7 +115,7 @@ impl Columns {
         }
     }
 
-    /// The joints, by first columns.
+    /// Names of the joints, in the order of their first columns.
     pub fn names(&self) -> Vec<String> {
         self.joints.iter().map(|joint| joint.name.clone()).collect()
     }
@@ -128,17 +128,17 @@ impl Columns {
         &self.titles[column]
     }
 
-    /// The columns of all joints, where there are such.
+    /// The column of each joint, if it has one.
     pub fn of(&self, quantity: Quantity) -> impl Iterator<Item = Option<usize>> {
         (self.joints.iter()).map(move |joint| joint.columns[quantity as usize])
     }
 
-    /// How many there are.
+    /// Number of columns.
     pub fn count(&self) -> usize {
         self.titles.len()
     }
 
-    /// The title of what is measured of a joint, or what is wrong if it has no such column.
+    /// The title of the column for a quantity of a joint, or what is wrong if there is none.
     pub fn title_of(&self, joint: usize, quantity: Quantity) -> Result<&str, String> {
         let Joint { name, columns } = &self.joints[joint];
         match columns[quantity as usize] {
@@ -153,7 +153,7 @@ impl Columns {
     }
 }
 
-/// Joint and quantity by the title of a column: `q_NAME`, `NAME.position` and the like, and `q1` of the first joint.
+/// Joint and quantity of a column by its title: `q_NAME`, `NAME.position` and the like, and `q1` for the first joint.
 fn meaning(title: &str) -> Result<Option<(String, Quantity)>, String> {
     let words = Quantity::ALL.iter().flat_map(|quantity| {
         let words = quantity.words().iter();
@@ -178,7 +178,7 @@ fn meaning(title: &str) -> Result<Option<(String, Quantity)>, String> {
     }
 }
 
-/// What follows a word, parted from it unless it is a number.
+/// What follows a word in a title. A separator must stand between the two, unless a number follows.
 fn after<'a>(title: &'a str, word: &str) -> Option<&'a str> {
     let (start, rest) = title.split_at_checked(word.len())?;
     let name = rest.strip_prefix(BETWEEN);
@@ -186,7 +186,7 @@ fn after<'a>(title: &'a str, word: &str) -> Option<&'a str> {
     (start.eq_ignore_ascii_case(word) && !name.is_empty()).then_some(name)
 }
 
-/// What a word follows, parted from it.
+/// What precedes a word in a title, up to the separator.
 fn before<'a>(title: &'a str, word: &str) -> Option<&'a str> {
     let (rest, end) = title.split_at_checked(title.len().checked_sub(word.len())?)?;
     let name = rest.strip_suffix(BETWEEN)?;
@@ -197,7 +197,7 @@ fn is_number(name: &str) -> bool {
     !name.is_empty() && name.bytes().all(|b| b.is_ascii_digit())
 }
 
-/// Numbers without leading zeros.
+/// A number without leading zeros.
 fn plain(name: &str) -> &str {
     if is_number(name) {
         match name.trim_start_matches('0') {
@@ -209,8 +209,7 @@ fn plain(name: &str) -> &str {
     }
 }
 
-/// The names of joints that are numbered in the order of a robot with as many: from 0 if there is a 0, otherwise
-/// from 1.
+/// The names of numbered joints, in the order of a robot with `count` joints: from 0 if there is a 0, otherwise from 1.
 pub(crate) fn numbered(names: &[String], count: usize) -> Option<Vec<String>> {
     let numbers = names.iter().filter(|name| is_number(name));
     let first = usize::from(!names.iter().any(|name| name == "0"));
@@ -224,7 +223,7 @@ fn quoted(titles: &[String]) -> String {
     crate::listed(&titles)
 }
 
-/// What may be wrong with the first line, where it has one title.
+/// Hint on what may be wrong with the first line if it has only one title.
 fn separated(titles: &[String]) -> &'static str {
     match titles {
         [one] if one.contains(';') => "; separate them by commas, with points in numbers",

@@ -1,4 +1,4 @@
-//! Joint states in text: one line per sample, the first line says what the columns are.
+//! Joint states in text files: one line per sample, with the titles of the columns in the first line.
 
 mod columns;
 
@@ -11,17 +11,17 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// Files that are longer are refused: a text without the end of a line is read as a whole.
+/// Longer files are refused, since a text without line ends is read as a whole.
 const MOST: u64 = 4 << 30;
 
-/// Times are no further from 0 \[ns\]: there is one for the difference of two.
+/// Largest time, before and after 0 \[ns\]. The difference of two such times does not overflow.
 const FAR: i64 = i64::MAX / 2;
 
-/// A line, with a number for each of the joints in [`Columns::names`]: NaN where there is none.
+/// A line, with one number for each joint in [`Columns::names`]; NaN if a cell is empty.
 pub(crate) struct Line {
-    /// From 1; the first one has the titles.
+    /// Line number, from 1; the first line has the titles.
     pub number: u64,
-    /// \[ns\]
+    /// Time stamp \[ns\].
     pub stamp: i64,
     pub position: Vec<f64>,
     /// Empty if no joint has a velocity.
@@ -36,7 +36,7 @@ pub(crate) struct CsvLog<'a> {
     pub columns: Columns,
 }
 
-/// Whether a file is one of these by its name: what parts its columns.
+/// The separator of the columns if the file is of this kind by its name.
 fn separator(path: &Path) -> Option<u8> {
     let end = path.extension()?.to_ascii_lowercase();
     match end.to_str()? {
@@ -78,7 +78,7 @@ impl<'a> CsvLog<'a> {
         })
     }
 
-    /// Shows `visit` all lines below the titles. Returns the columns, and whether the last line has an end.
+    /// Calls `visit` for every line below the titles. Returns the columns, and whether the last line is terminated.
     pub fn read(
         mut self,
         mut visit: impl FnMut(Line) -> Result<(), DataError>,
@@ -100,7 +100,7 @@ impl<'a> CsvLog<'a> {
         }
     }
 
-    /// Whether the file ends with a line.
+    /// Whether the file ends with a line end.
     fn ends(&mut self) -> std::io::Result<bool> {
         let file = self.reader.get_mut();
         file.seek(SeekFrom::End(-1))?;
@@ -142,8 +142,8 @@ impl<'a> CsvLog<'a> {
     }
 }
 
-/// Refuses records of fewer or more cells than there are titles, and cells of several lines, which no number has: a quote that is
-/// not closed makes one cell of all that follows.
+/// Refuses records with fewer or more cells than titles, and cells of several lines, which are never numbers: a quote that
+/// is not closed turns everything after it into one cell.
 fn check_cells(path: &Path, record: &StringRecord, titles: usize) -> Result<(), DataError> {
     let problem = if record.iter().any(|cell| cell.contains(['\n', '\r'])) {
         "a cell of several lines; a quote (\") may be opened and not closed".to_owned()
@@ -159,7 +159,7 @@ fn check_cells(path: &Path, record: &StringRecord, titles: usize) -> Result<(), 
     })
 }
 
-/// A cell; one that is empty is NaN.
+/// The number in a cell; NaN if it is empty.
 fn number(text: &str) -> Result<f64, String> {
     match text {
         "" => Ok(f64::NAN),
@@ -167,8 +167,8 @@ fn number(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A time \[s\] in nanoseconds: plain decimals are not rounded to a double first, which has a quarter of a
-/// microsecond at the times of Unix.
+/// A time \[s\] in nanoseconds. Plain decimals are not rounded to a double first, whose resolution at Unix times is a
+/// quarter of a microsecond.
 fn nanoseconds(text: &str) -> Result<i64, String> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
     let is_plain = [whole, fraction]

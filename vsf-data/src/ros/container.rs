@@ -1,5 +1,4 @@
-//! MCAP files: records read one after the other, whatever chunks and compression they are in, and
-//! messages and attachments written.
+//! Reading of MCAP files, record by record, with any chunks and compression; and writing of messages and attachments.
 
 use super::messages::Definition;
 use super::wire::Reader;
@@ -14,14 +13,14 @@ use std::path::Path;
 
 pub(crate) use mcap::records::{Channel, Record, SchemaHeader};
 
-/// Longest record or chunk: memory for one is reserved by what a compressed chunk claims.
+/// Longest record or chunk. Memory is reserved by the length that a compressed chunk claims.
 const MOST: usize = 256 << 20;
 
-/// The start of what zstd compressed.
+/// The first bytes of zstd-compressed data.
 pub(crate) const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// Shows `visit` the schemas, channels, messages and attachments of a file, in its order. The file
-/// may be larger than memory: one record or chunk is held at a time.
+/// Calls `visit` for the schemas, channels, messages and attachments of a file, in its order. The file may be larger than
+/// memory: one record or chunk is held at a time.
 pub(crate) fn read(
     path: &Path,
     mut visit: impl FnMut(Record) -> Result<(), DataError>,
@@ -95,7 +94,7 @@ fn one(
     }
 }
 
-/// A reader of the records in a chunk, which checks their sum.
+/// A reader of the records in a chunk, which checks their checksum.
 fn chunk(data: &[u8]) -> LinearReader {
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
@@ -111,8 +110,7 @@ fn chunk(data: &[u8]) -> LinearReader {
     reader
 }
 
-/// Refuses records that reach beyond the end of a chunk without compression: the `mcap` crate (0.26)
-/// takes their lengths on trust.
+/// Refuses records that reach beyond the end of an uncompressed chunk. The `mcap` crate (0.26) trusts their lengths.
 fn check_chunk(data: &[u8]) -> Result<(), String> {
     let mut from = Reader::packed(data);
     from.bytes(8 + 8 + 8 + 4)?; // first and last time, size, sum
@@ -129,8 +127,8 @@ fn check_chunk(data: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Refuses a record that announces more than it holds: the `mcap` crate (0.26) reserves memory for
-/// texts of any length, and takes the place of an attachment's sum for granted.
+/// Refuses a record that announces more than it holds. The `mcap` crate (0.26) reserves memory for texts of any length, and
+/// takes the checksum of an attachment for granted.
 fn check_lengths(opcode: u8, data: &[u8]) -> Result<(), String> {
     let mut from = Reader::packed(data);
     let mut skip = || match opcode {
@@ -184,8 +182,7 @@ fn in_words(e: McapError) -> String {
     }
 }
 
-/// A file that is written, without compression: every reader takes it, and numbers from sensors hardly
-/// compress.
+/// An uncompressed output file: every reader accepts it, and sensor data hardly compress.
 pub(crate) struct Output<'a> {
     /// For messages.
     path: &'a Path,
@@ -215,7 +212,7 @@ impl<'a> Output<'a> {
         attached.map_err(|e| wrong(self.path, e.to_string()))
     }
 
-    /// A new topic of ROS 2 messages, for [`message`](Self::message).
+    /// Adds a topic of ROS 2 messages, for [`message`](Self::message).
     pub fn topic(&mut self, name: &str, of: &Definition) -> Result<u16, DataError> {
         let schema = self
             .writer
@@ -225,7 +222,7 @@ impl<'a> Output<'a> {
         topic.map_err(|e| wrong(self.path, e.to_string()))
     }
 
-    /// A message in CDR, published and logged at its stamp \[ns\].
+    /// Adds a CDR message, published and logged at its stamp \[ns\].
     pub fn message(
         &mut self,
         topic: u16,
@@ -243,7 +240,7 @@ impl<'a> Output<'a> {
         written.map_err(|e| wrong(self.path, e.to_string()))
     }
 
-    /// The bytes of the file.
+    /// Returns the bytes of the file.
     pub fn finish(mut self) -> Result<Vec<u8>, DataError> {
         let finished = self.writer.finish();
         finished.map_err(|e| wrong(self.path, e.to_string()))?;
@@ -251,7 +248,7 @@ impl<'a> Output<'a> {
     }
 }
 
-/// What is wrong with a file as a whole.
+/// An error of the file as a whole.
 pub(crate) fn wrong(path: &Path, problem: impl Into<String>) -> DataError {
     DataError::Mcap {
         path: path.to_owned(),

@@ -1,4 +1,4 @@
-//! Joint states of CSV files.
+//! Joint states from CSV files.
 
 use super::joint_log::{Clock, JointLog, Sample, Source};
 use crate::DataError;

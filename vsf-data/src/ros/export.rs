@@ -12,25 +12,25 @@ use std::path::Path;
 /// Stamp of the first message: 0 means "not set" to ROS.
 const START: i64 = SECOND;
 
-/// From the end of a sequence to the start of the next one: more than the gap at which an import
-/// splits, should the file lose its attachments.
+/// Pause from the end of a sequence to the start of the next one: longer than the gap at which an import splits, in case
+/// the file loses its attachments.
 const PAUSE: i64 = 2 * SECOND;
 
-/// The frame of positions: the world of the recording.
+/// The frame of positions: the world frame of the recording.
 const FRAME: &str = "world";
 
 /// Predicted readings of a sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffortPrediction {
-    /// The predicted torques \[N m\] (prismatic: forces \[N\]), `T` x `d`, to be compared with those of
-    /// the recording.
+    /// The predicted torques \[N m\] (prismatic: forces \[N\]), `T` x `d`, for comparison with those of the recording.
     pub mean: Table,
-    /// Their standard deviations, `T` x `d`, if the predictor has some.
+    /// Their standard deviations, `T` x `d`, if the predictor gives them.
     pub sd: Option<Table>,
 }
 
-/// An MCAP file of ROS 2 messages (CDR): a recording, what a field predicts for it, and the field.
-/// Foxglove Studio, PlotJuggler and `ros2 bag play` (for rviz) take it as it is.
+/// Writes an MCAP file of ROS 2 messages (CDR): a recording, what a field predicts for it, and the field.
+///
+/// Foxglove Studio, PlotJuggler and `ros2 bag play` (for rviz) read it as it is.
 ///
 /// | topic | type | what |
 /// | --- | --- | --- |
@@ -40,11 +40,12 @@ pub struct EffortPrediction {
 /// | `/predicted/joint_states_sd` | the same | as effort their standard deviations; nothing else |
 /// | `/stiffness_field` | `sensor_msgs/msg/PointCloud2` | the same cloud at the start of every sequence: `x y z` \[m\] in the frame `world`, `stiffness` and, if known, `sd` [N/m], `rgb`; `float32` |
 ///
-/// One clock runs over all sequences: it starts at 1 s, and each sequence begins 2 s after the end of
-/// the one before. Stamps are whole nanoseconds. To be read back without a loss by
-/// [`JointLog`](crate::JointLog), the file also holds, as attachments, `dataset.json`, `points.npy` and
-/// `seq_<ID>/time.npy` of the recording; of a robot that is a URDF it knows the file's name. Camera and
-/// stored field of the recording are not in it.
+/// One clock runs over all sequences. It starts at 1 s, and each sequence begins 2 s after the end of the previous one.
+/// Stamps are whole nanoseconds.
+///
+/// So that [`JointLog`](crate::JointLog) can read the recording back without loss, the file also holds, as attachments,
+/// `dataset.json`, `points.npy` and `seq_<ID>/time.npy` of the recording. Of a robot given as a URDF, it has only the
+/// file's name. Camera and stored field of the recording are not included.
 ///
 /// ```
 /// # use vsf_data::{McapExport, StiffnessField};
@@ -61,29 +62,30 @@ pub struct EffortPrediction {
 pub struct McapExport<'a> {
     /// The recording.
     pub recording: Option<&'a Dataset>,
-    /// Names of its joints, one per column.
+    /// Names of the recording's joints, one per column.
     pub joints: &'a [String],
-    /// Name of the robot's root link, if viewers are to know where it is: with it and the robot's URDF they show the arm at
-    /// the cloud.
+    /// Name of the robot's root link. With it and the robot's URDF, viewers show the arm at the cloud. `None` leaves its
+    /// pose out.
     pub base: Option<&'a str>,
-    /// Predictions for its sequences, one each in their order, or none at all.
+    /// Predictions for the sequences, one each in their order, or none at all.
     pub predictions: &'a [EffortPrediction],
     /// The field.
     pub field: Option<&'a StiffnessField>,
     /// Color the field by its standard deviation in place of its stiffness.
     pub deviation: bool,
-    /// Stiffness, or deviation, of the brightest color [N/m], positive; default the largest.
+    /// Stiffness, or deviation, of the brightest color [N/m], positive; the default is the largest one.
     pub full_scale: Option<f64>,
 }
 
 impl McapExport<'_> {
-    /// Writes the file as a whole.
+    /// Writes the file, completely or not at all.
     ///
     /// # Errors
-    /// A recording or field that its own `save` would refuse; [`DataError::Argument`] for joints or
-    /// predictions that do not fit the recording, a full scale that is not positive and finite, and for
-    /// the deviation of a field without one;
-    /// [`DataError::Mcap`] for more than 68 years or 4 GiB of points; [`DataError::Io`].
+    /// - A recording or field that its own `save` would refuse.
+    /// - [`DataError::Argument`] for joints or predictions that do not fit the recording, for a full scale that is not
+    ///   positive and finite, and for the deviation of a field without one.
+    /// - [`DataError::Mcap`] for more than 68 years or 4 GiB of points.
+    /// - [`DataError::Io`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), DataError> {
         let path = path.as_ref();
         let mut out = Output::new(path)?;
@@ -154,8 +156,8 @@ impl McapExport<'_> {
         cloud.ok_or_else(|| wrong(path, "too many points for one message"))
     }
 
-    /// The joint states, measured and predicted, of all samples at their stamps, and a `cloud` of this
-    /// number and stamp where a sequence starts.
+    /// Writes the joint states, measured and predicted, of all samples at their stamps, and the `cloud` for an index and a
+    /// stamp at the start of each sequence.
     fn joint_states(
         &self,
         out: &mut Output,
@@ -236,7 +238,7 @@ impl McapExport<'_> {
     }
 }
 
-/// What the messages do not hold of a recording.
+/// The parts of a recording that the messages do not hold.
 fn parts(path: &Path, recording: &Dataset) -> Result<Vec<(String, Vec<u8>)>, DataError> {
     let robot = match &recording.robot.path {
         // Where the file lies on this machine says nothing on another one; that it is one is told by
@@ -260,7 +262,7 @@ fn parts(path: &Path, recording: &Dataset) -> Result<Vec<(String, Vec<u8>)>, Dat
     Ok(parts)
 }
 
-/// Stamps \[ns\] of all samples on one clock; `None` beyond its end.
+/// Stamps \[ns\] of all samples on one clock; `None` beyond the end of the clock.
 fn stamps(sequences: &[Sequence]) -> Option<Vec<i64>> {
     let mut stamps = Vec::new();
     let mut start = START;

@@ -11,44 +11,49 @@ use crate::{check, files, metadata};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Longest pause within a sequence \[s\], if nothing else is said.
+/// Default of the longest pause within a sequence \[s\].
 const GAP: f64 = 1.0;
 
-/// A sample, and where its arrays have the columns of the recording.
+/// A sample, and the place of each recording column in its arrays.
 struct Row<'a> {
     sample: &'a Sample,
     columns: &'a [usize],
 }
 
 impl JointLog {
-    /// What is known about the recording: what is `given` goes before what the file says. Files that
-    /// [`McapExport`](crate::McapExport) did not write say nothing.
+    /// The known metadata of the recording; those in `given` take precedence over those in the file.
+    ///
+    /// Files that [`McapExport`](crate::McapExport) did not write have none.
     ///
     /// # Errors
-    /// Damaged metadata; a robot that is a URDF, which is not in the file, unless it is `given`.
+    /// Damaged metadata; a robot given as a URDF, which is not in the file, unless `given` sets the robot.
     pub fn metadata(&self, given: &Overrides) -> Result<Overrides, DataError> {
         Ok(self.all_metadata(given)?.0)
     }
 
-    /// The recording with the columns `joints`, by their names in the files, which may have them in
-    /// another order and others besides; those of a robot are [`names_of`](Self::names_of). Messages with none of these
-    /// joints (a gripper on the same topic) are left out, with a warning.
+    /// Makes a recording with the columns `joints`.
     ///
-    /// A sequence ends where the next stamp is more than `gap` seconds away, 1 by default, and with a CSV file. The sequences
-    /// of a file that [`McapExport`](crate::McapExport) wrote are those that it names, unless a `gap` is
-    /// given, when what the file says of their splits, touches, tags and contact-free samples is left out,
-    /// too. Times count from the first sample of each sequence. Velocities are taken for sequences
-    /// that have them; a sample that has none, or NaN for every joint, has no velocity. Points are those
-    /// in the file, if it holds any.
+    /// Joints are given by their names in the files; for those of a robot, see [`names_of`](Self::names_of). The files may
+    /// have them in another order, and other joints besides. Messages with none of these joints (for example of a gripper
+    /// on the same topic) are left out, with a warning.
+    ///
+    /// A sequence ends where the next stamp is more than `gap` seconds away (default 1), and at the end of a CSV file. For
+    /// a file that [`McapExport`](crate::McapExport) wrote, the sequences are those named in it, unless a `gap` is given;
+    /// with a `gap`, what the file says about their splits, touches, tags and contact-free samples is also left out.
+    ///
+    /// Times count from the first sample of each sequence. Velocities are included for sequences that have them; a sample
+    /// that has none, or NaN for every joint, counts as having no velocity. Points are those in the file, if it holds any.
     ///
     /// # Errors
-    /// [`DataError::MissingKey`] without a robot or a kind of torque, neither of which joint states
-    /// tell, and for a robot that is a URDF and not `given`; [`DataError::Argument`] for joints that are empty or there twice, and for a `gap` that leaves most samples
-    /// alone; [`DataError::Message`] for
-    /// positions or efforts that are missing or not finite; [`DataError::Message`] or
-    /// [`DataError::Advised`] for stamps that do not increase, velocities of which some are missing or
-    /// not finite, joints that no message has, and sequences that were cut; [`DataError::Csv`], [`DataError::CsvLine`] and
-    /// [`DataError::CsvCell`] for the same in a CSV file, each of which must have all of the joints; whatever [`Dataset::open`] would refuse.
+    /// - [`DataError::MissingKey`] without a robot or a kind of torque, neither of which joint states contain, and for a
+    ///   robot that is a URDF and not `given`.
+    /// - [`DataError::Argument`] for joints that are empty or occur twice, and for a `gap` that leaves most samples alone.
+    /// - [`DataError::Message`] for positions or efforts that are missing or not finite.
+    /// - [`DataError::Message`] or [`DataError::Advised`] for stamps that do not increase, velocities of which some are
+    ///   missing or not finite, joints that no message has, and sequences that were cut.
+    /// - [`DataError::Csv`], [`DataError::CsvLine`] and [`DataError::CsvCell`] for the same in a CSV file, each of which
+    ///   must have all joints.
+    /// - Whatever [`Dataset::open`] would refuse.
     pub fn recording(
         &self,
         given: &Overrides,
@@ -195,7 +200,7 @@ impl JointLog {
         Some((self.files[0].join(name), bytes))
     }
 
-    /// IDs of the sequences that the file names, and their times.
+    /// IDs of the sequences named in the file, and their times.
     fn times(&self) -> impl Iterator<Item = (&str, &[u8])> {
         (self.parts.iter()).filter_map(|(name, bytes)| Some((times_of(name)?, &bytes[..])))
     }
@@ -217,7 +222,7 @@ impl JointLog {
         }
     }
 
-    /// A list of names that does not have the joints, with its first sample.
+    /// The error for a list of names that lacks the joints, with its first sample.
     fn problem_of_list(&self, sample: &Sample, problem: String) -> DataError {
         match &self.source {
             Source::Mcap { .. } => self.problem(sample, problem),
@@ -228,7 +233,7 @@ impl JointLog {
         }
     }
 
-    /// Where joints are numbered, every file has to number as many, and from the same number on.
+    /// Checks that all files number their joints alike, if joints are numbered: as many, and from the same number on.
     fn check_numbers(&self, joints: &[String]) -> Result<(), DataError> {
         let is_own = |names: &Vec<String>| numbered(names, joints.len()).as_deref() == Some(joints);
         if self.topic().is_some() || !self.names.iter().any(is_own) {
@@ -248,7 +253,7 @@ impl JointLog {
         }
     }
 
-    /// For each list of names, the place of every joint; `None` for a list of messages without any of them.
+    /// For each list of names, the place of every joint; `None` for messages without any of the joints.
     fn columns(&self, joints: &[String]) -> Result<Vec<Option<Vec<usize>>>, DataError> {
         self.check_numbers(joints)?;
         let places = |(k, names): (usize, &Vec<String>)| {
@@ -286,7 +291,7 @@ impl JointLog {
         Ok(columns)
     }
 
-    /// The sequences that the file names, one after the other.
+    /// The sequences named in the file, one after the other.
     fn named(&self, named: &[(&str, &[u8])], rows: &[Row]) -> Result<Vec<Sequence>, DataError> {
         let mut left = rows;
         let mut sequences = Vec::new();
@@ -314,7 +319,7 @@ impl JointLog {
         error.advise(Advice::Gap)
     }
 
-    /// Sequences with pauses of more than `gap` seconds between them.
+    /// Sequences separated by pauses of more than `gap` seconds.
     fn split(&self, gap: f64, rows: &[Row]) -> Result<Vec<Sequence>, DataError> {
         let mut starts = vec![0];
         for (k, pair) in rows.windows(2).enumerate() {
@@ -343,7 +348,7 @@ impl JointLog {
         starts.iter().zip(ends).enumerate().map(sequence).collect()
     }
 
-    /// A sample that is not after the one before it.
+    /// The error for a sample that is not after the previous one.
     fn disorder(&self, before: &Sample, sample: &Sample) -> DataError {
         let [was, is] = [before, sample].map(|s| s.stamp as f64 / SECOND as f64);
         let clock = match &self.source {
@@ -431,7 +436,7 @@ impl JointLog {
         Table::new(width, data).map(Some)
     }
 
-    /// The columns of an array, which must be finite.
+    /// Appends the columns of an array, which must be finite.
     fn append(&self, data: &mut Vec<f64>, row: &Row, quantity: Quantity) -> Result<(), DataError> {
         let array = row.sample.of(quantity);
         for &k in row.columns {
@@ -443,7 +448,7 @@ impl JointLog {
         Ok(())
     }
 
-    /// Column `k` of a sample, which must be finite and is not.
+    /// The error for column `k` of a sample, which is not finite.
     fn not_finite(&self, sample: &Sample, k: usize, quantity: Quantity) -> DataError {
         let value = sample.of(quantity)[k];
         let columns = match &self.source {
@@ -470,8 +475,8 @@ impl JointLog {
     }
 }
 
-/// The first file whose sequences are of less than two samples on average, how many these are, and how many samples;
-/// `sequences` are of `rows`.
+/// The first file whose sequences have fewer than two samples on average, with the numbers of its sequences and samples;
+/// `sequences` are made of `rows`.
 fn mostly_single(sequences: &[Sequence], rows: &[Row]) -> Option<(usize, usize, usize)> {
     let mut next = 0;
     let mut files: BTreeMap<usize, (usize, usize)> = BTreeMap::new();

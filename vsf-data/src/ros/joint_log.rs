@@ -8,35 +8,34 @@ use nalgebra::Point3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// More bytes than this in one log are refused: compressed files can unpack to more than any memory.
+/// Most bytes in one log. Compressed files can unpack to more than any memory.
 const MOST: u64 = 4 << 30;
 
-/// What a joint state, a name or an attachment takes beside its contents, in bytes.
+/// Size of a joint state, a name or an attachment beside its contents, in bytes.
 const OVERHEAD: usize = 128;
 
-/// Most lists of names: each message is compared with them.
+/// Most different lists of names, since each message is compared with all of them.
 const MOST_LISTS: usize = 1000;
 
-/// Which time a joint state is taken to have.
+/// The source of the time of a joint state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Clock {
-    /// The stamp in its header: when the driver read the joints. The default.
+    /// The stamp in its header: the time at which the driver read the joints. The default.
     #[default]
     Header,
-    /// When it was logged, delays of transport included; for drivers that do not stamp.
+    /// The time of logging, which includes transport delays; for drivers that set no stamp.
     Log,
 }
 
-/// The joint states of MCAP or CSV files, before it is known which joints make a recording.
+/// The joint states of MCAP or CSV files, before it is decided which joints make a recording.
 ///
-/// Of MCAP files, `sensor_msgs/JointState` is read as ROS 2 (CDR) and ROS 1 serialize it, from chunks with or without
-/// zstd and lz4 compression; messages of other topics are passed over one by one. Files that
-/// [`McapExport`](crate::McapExport) wrote also hold metadata, points, and the sequences with their
-/// exact times.
+/// In MCAP files, `sensor_msgs/JointState` is read as serialized by ROS 2 (CDR) or ROS 1, in chunks with or without zstd
+/// and lz4 compression. Messages of other topics are skipped one by one. Files that [`McapExport`](crate::McapExport) wrote
+/// also hold metadata, points, and the sequences with their exact times.
 ///
-/// CSV files (`.csv`, or `.tsv` with tabs) have a sample in each line and the titles of the columns in the first one,
-/// in any order: the time \[s\] (`time`, `t`, `timestamp` or `time_s`) and for each joint
+/// CSV files (`.csv`, or `.tsv` with tabs) have one sample per line. The first line has the titles of the columns, in any
+/// order: the time \[s\] (`time`, `t`, `timestamp` or `time_s`) and for each joint
 ///
 /// | | words |
 /// | --- | --- |
@@ -44,9 +43,9 @@ pub enum Clock {
 /// | torque or force \[N m or N\] | `effort`, `torque`, `tau` |
 /// | velocity \[rad/s or m/s\], which may be missing | `velocity`, `vel`, `dq`, `qd` |
 ///
-/// before or behind its name, with `_`, `.` or `/` between them: `q_elbow`, `elbow.position`. Joints may also be numbered
-/// in the order of the robot, from 1 or, if there is a 0, from 0: `q1` or `q_1`, see [`names_of`](Self::names_of).
-/// Columns of anything else are passed over, and so is a `#` before titles. Times are taken to the nanosecond.
+/// before or after its name, separated by `_`, `.` or `/`: `q_elbow`, `elbow.position`. Joints may also be numbered in the
+/// order of the robot, from 1 or, if there is a 0, from 0: `q1` or `q_1`, see [`names_of`](Self::names_of). All other
+/// columns are ignored, and so is a `#` before titles. Times are read to the nanosecond.
 ///
 /// ```no_run
 /// use vsf_data::{Clock, JointLog, Overrides, RobotRef, TorqueKind};
@@ -68,21 +67,20 @@ pub struct JointLog {
     /// The files, at least one, in the order in which they are read.
     pub(super) files: Vec<PathBuf>,
     pub(super) source: Source,
-    /// The lists of names that occur: nearly always one.
+    /// The different lists of names, nearly always one.
     pub(super) names: Vec<Vec<String>>,
     pub(super) samples: Vec<Sample>,
-    /// Parts of a recording that the messages do not hold, by their paths in its folder, in the order
-    /// of the file.
+    /// Parts of a recording that the messages do not hold, by their paths in its folder, in the order of the file.
     pub(super) parts: Vec<(String, Vec<u8>)>,
-    /// Points in the place of those in the file.
+    /// Points that replace those in the file.
     pub(super) points: Option<Vec<Point3<f64>>>,
-    /// Bytes held so far, of joint states, names, topics and parts.
+    /// Number of bytes held so far: joint states, names, topics and parts.
     held: u64,
-    /// Indices of the files whose last line has no end.
+    /// Indices of the files whose last line is not terminated.
     pub(super) open_ended: Vec<usize>,
 }
 
-/// What the files are.
+/// Kind of the files.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Source {
     Mcap {
@@ -93,14 +91,14 @@ pub(super) enum Source {
     Csv(Vec<Columns>),
 }
 
-/// A joint state and where it is from.
+/// A joint state and its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sample {
     /// Index of the file.
     pub file: usize,
-    /// Which message of its topic in this file, from 0; the line of a CSV file, from 1.
+    /// Index of the message in its topic in this file, from 0; for a CSV file the line, from 1.
     pub place: u64,
-    /// \[ns\]
+    /// Time stamp \[ns\].
     pub stamp: i64,
     /// Index of its list of names.
     pub names: usize,
@@ -110,7 +108,7 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// A number for each name, or none.
+    /// One number for each name, or none.
     pub fn of(&self, quantity: Quantity) -> &[f64] {
         match quantity {
             Quantity::Position => &self.position,
@@ -121,19 +119,22 @@ impl Sample {
 }
 
 impl JointLog {
-    /// Reads the joint states of a `topic`, by default of the only one, and of `/joint_states` in files
-    /// that [`McapExport`](crate::McapExport) wrote. A folder stands for the
-    /// `.mcap` files in it, as `ros2 bag record` leaves them, `bag_2` before `bag_10`; several files
-    /// are read as one recording that was split. Files named `.csv` or `.tsv` have neither topics nor a time of
-    /// logging, and each of them begins a new sequence.
+    /// Reads the joint states of a `topic`.
+    ///
+    /// The default is the only topic with joint states or, in files that [`McapExport`](crate::McapExport) wrote,
+    /// `/joint_states`. A folder stands for the `.mcap` files in it, as recorded by `ros2 bag record`, in natural order
+    /// (`bag_2` before `bag_10`). Several files are read as one recording that was split. Files named `.csv` or `.tsv` have
+    /// neither topics nor a time of logging, and each of them begins a new sequence.
     ///
     /// # Errors
-    /// [`DataError::Mcap`] for a damaged file, no joint states, a topic of another type or
-    /// serialization, more than 4 GiB of all that is kept; [`DataError::Advised`] for several topics;
-    /// [`DataError::Message`] for a message that cannot be read, and for more than 1000 different lists
-    /// of names. [`DataError::Csv`] for columns without titles, without time or joints, or of which two are the same,
-    /// and for CSV files among others; [`DataError::CsvLine`] for a line of another length, [`DataError::CsvCell`] for
-    /// what is not a number.
+    /// - [`DataError::Mcap`] for a damaged file, no joint states, a topic of another type or serialization, or more than 4
+    ///   GiB of data to keep.
+    /// - [`DataError::Advised`] for several topics.
+    /// - [`DataError::Message`] for a message that cannot be read, and for more than 1000 different lists of names.
+    /// - [`DataError::Csv`] for columns without titles, without time or joints, or of which two are the same, and for CSV
+    ///   files among others.
+    /// - [`DataError::CsvLine`] for a line of another length.
+    /// - [`DataError::CsvCell`] for a cell that is not a number.
     pub fn open<P: AsRef<Path>>(
         paths: &[P],
         topic: Option<&str>,
@@ -171,7 +172,7 @@ impl JointLog {
         Ok(log)
     }
 
-    /// Of files whose samples are still to be read.
+    /// A log of files whose samples are still to be read.
     fn unread(files: Vec<PathBuf>) -> Self {
         Self {
             files,
@@ -185,7 +186,7 @@ impl JointLog {
         }
     }
 
-    /// The topic of the joint states; CSV files have none.
+    /// The topic of the joint states; `None` for CSV files.
     pub fn topic(&self) -> Option<&str> {
         match &self.source {
             Source::Mcap { topic, .. } => Some(topic),
@@ -193,8 +194,9 @@ impl JointLog {
         }
     }
 
-    /// The file that each sequence of [`recording`](Self::recording) is from, in order; none for MCAP files, of which several
-    /// may be one recording that was split.
+    /// The file of each sequence of [`recording`](Self::recording), in order.
+    ///
+    /// Empty for MCAP files, of which several may be one recording that was split.
     pub fn files_of(&self, recording: &Dataset) -> Vec<&Path> {
         if self.topic().is_some() {
             return Vec::new();
@@ -208,8 +210,10 @@ impl JointLog {
         recording.sequences.iter().filter_map(of).collect()
     }
 
-    /// What the joints of a robot are called in the files: by number where CSV files name none of them and number
-    /// as many, otherwise the same.
+    /// Names in the files for the joints of a robot.
+    ///
+    /// They are numbers if the files are CSV files that name none of the joints but number as many; otherwise the given
+    /// names.
     pub fn names_of(&self, joints: &[String]) -> Vec<String> {
         let is_named = || {
             self.names
@@ -227,21 +231,21 @@ impl JointLog {
         numbers.unwrap_or_else(|| joints.to_vec())
     }
 
-    /// Without the velocities in the files, as if none had been recorded.
+    /// Drops the velocities in the files, as if none had been recorded.
     #[must_use]
     pub fn without_velocities(mut self) -> Self {
         self.samples.iter_mut().for_each(|s| s.velocity.clear());
         self
     }
 
-    /// With torques of zero, whatever the files have: motions that are planned and not made.
+    /// Sets all torques to zero, for planned motions that were not executed.
     #[must_use]
     pub fn planned(mut self) -> Self {
         (self.samples.iter_mut()).for_each(|s| s.effort = vec![0.0; s.position.len()]);
         self
     }
 
-    /// With these rest points of the object in the world frame \[m\], in the place of those in the file.
+    /// Sets the rest points of the object (world frame \[m\]) in place of those in the file.
     #[must_use]
     pub fn with_points(mut self, points: Vec<Point3<f64>>) -> Self {
         self.points = Some(points);
@@ -328,7 +332,7 @@ impl JointLog {
         })
     }
 
-    /// The index of a list of names.
+    /// The index of a list of names; new lists are added.
     pub(super) fn list(&mut self, list: Vec<String>) -> Result<usize, String> {
         let known = self.names.iter().position(|names| *names == list);
         match known {
@@ -352,7 +356,7 @@ impl JointLog {
         Ok(())
     }
 
-    /// Counts bytes that are kept.
+    /// Counts bytes that are kept, and refuses too many.
     fn hold(&mut self, bytes: usize) -> Result<(), String> {
         self.held = self.held.saturating_add(bytes as u64);
         if self.held > MOST {
@@ -362,7 +366,7 @@ impl JointLog {
         }
     }
 
-    /// The files as a whole, for messages.
+    /// A name for all files, for messages.
     pub(super) fn place(&self) -> PathBuf {
         let first = &self.files[0];
         match self.files.len() - 1 {
@@ -372,7 +376,7 @@ impl JointLog {
         }
     }
 
-    /// What is wrong with the files as a whole.
+    /// An error of the files as a whole.
     pub(super) fn wrong(&self, problem: String) -> DataError {
         let path = self.place();
         match self.source {
@@ -424,8 +428,7 @@ fn bag(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     }
 }
 
-/// A joint state, at the time of logging \[ns\] if that is given; its arrays have a number for each
-/// name, or none.
+/// Decodes a joint state, with the time of logging \[ns\] if it is given. Its arrays have one number per name, or none.
 fn decode(bytes: &[u8], version: Version, logged: Option<u64>) -> Result<JointState, String> {
     if version == Version::Two && bytes.starts_with(&ZSTD) {
         return Err(

@@ -1,4 +1,4 @@
-//! The messages that recordings and fields are made of, and their definitions.
+//! The messages that represent recordings and fields, and their definitions.
 
 use super::wire::{Reader, Writer};
 use crate::StiffnessField;
@@ -11,13 +11,13 @@ pub(crate) const SECOND: i64 = 1_000_000_000;
 /// Latest stamp: seconds are an `int32`.
 pub(crate) const LAST: i64 = i32::MAX as i64 * SECOND;
 
-/// Type of a message as ROS 2 names it, and its definition with those of its parts (`ros2msg`).
+/// Name of a message type in ROS 2, and its definition with those of its parts (`ros2msg`).
 pub(crate) struct Definition {
     pub name: &'static str,
     pub text: &'static str,
 }
 
-/// What every definition with a header ends in.
+/// The end of every definition with a header.
 macro_rules! header_definition {
     () => {
         "\
@@ -109,7 +109,7 @@ float64 w 1
     ),
 };
 
-/// Which ROS put a message into bytes.
+/// The ROS version that serialized a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Version {
     /// `ros1msg`
@@ -119,7 +119,7 @@ pub(crate) enum Version {
 }
 
 impl Version {
-    /// Of joint states, by the names that an MCAP file gives to type, definition and message.
+    /// The version of joint states, from the names that an MCAP file gives to type, definition and message.
     pub fn of_joint_states(schema: &str, definition: &str, message: &str) -> Option<Self> {
         match (schema, definition, message) {
             ("sensor_msgs/msg/JointState", "ros2msg" | "ros2idl", "cdr") => Some(Self::Two),
@@ -129,8 +129,8 @@ impl Version {
     }
 }
 
-/// Whether a definition, where the file has one, is that of joint states: the type's name alone
-/// does not say how the bytes are laid out.
+/// Whether a definition, if the file has one, is that of joint states. The name of the type alone does not determine the
+/// layout of the bytes.
 pub(crate) fn defines_joint_states(text: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(text) else {
         return false;
@@ -160,7 +160,7 @@ pub(crate) fn defines_joint_states(text: &[u8]) -> bool {
     header && members.eq(expected)
 }
 
-/// `sensor_msgs/JointState`: arrays with a number for each name, or none.
+/// `sensor_msgs/JointState`. Each array has one number per name, or none.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct JointState {
     /// Nanoseconds.
@@ -199,7 +199,7 @@ impl JointState {
     }
 }
 
-/// `sensor_msgs/msg/JointState` in CDR. Arrays have a number for each name, or none.
+/// `sensor_msgs/msg/JointState` in CDR. Each array has one number per name, or none.
 pub(crate) fn joint_state(
     stamp: i64,
     names: &[String],
@@ -216,8 +216,8 @@ pub(crate) fn joint_state(
     to.done()
 }
 
-/// `sensor_msgs/msg/PointCloud2` in CDR, one `float32` each of `x y z stiffness`, `sd` if the field
-/// has it, and `rgb`, the colors of `values`, whose bits are `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
+/// `sensor_msgs/msg/PointCloud2` in CDR, with `float32` fields: `x y z stiffness`, `sd` if the field has it, and `rgb`, the
+/// colors of `values` as bits `0x00RRGGBB`. `None` for a cloud beyond 4 GiB.
 pub(crate) fn point_cloud(
     stamp: i64,
     frame: &str,
@@ -274,7 +274,7 @@ pub(crate) fn transform(stamp: i64, frame: &str, child: &str, pose: &Isometry3<f
     to.done()
 }
 
-/// Stamp from 0 to [`LAST`].
+/// Writes a header; the stamp is from 0 to [`LAST`].
 fn header(to: &mut Writer, stamp: i64, frame: &str) {
     to.i32((stamp / SECOND) as i32);
     to.u32((stamp % SECOND) as u32);

@@ -1,9 +1,8 @@
-//! Recordings and fields as ROS messages in MCAP files, and recordings made of joint states, be they from there or
-//! from CSV files.
+//! Recordings and fields as ROS messages in MCAP files, and recordings made from joint states in MCAP or CSV files.
 //!
-//! What messages do not hold is attached to the file by its path in the folder of the recording:
-//! `dataset.json`, `points.npy` and, for each sequence in order, `seq_<ID>/time.npy`, whose length
-//! says how many joint states are its samples.
+//! What messages do not hold is attached to the file, named by its path in the folder of the recording: `dataset.json`,
+//! `points.npy` and, for each sequence in order, `seq_<ID>/time.npy`. The length of the latter is the number of joint
+//! states in the sequence.
 
 mod container;
 mod csv_files;
@@ -22,14 +21,14 @@ use crate::dataset::POINTS;
 use crate::metadata;
 use crate::sequence::PREFIX;
 
-/// The topic of what was recorded, in files that [`McapExport`] wrote.
+/// The topic of the recorded joint states in files that [`McapExport`] wrote.
 const RECORDED: &str = "/joint_states";
 
 fn times_path(id: &str) -> String {
     format!("{PREFIX}{id}/time.npy")
 }
 
-/// The ID of the sequence whose times are attached by this name.
+/// The ID of the sequence whose times are attached under this name.
 fn times_of(name: &str) -> Option<&str> {
     name.strip_prefix(PREFIX)?.strip_suffix("/time.npy")
 }

@@ -4,19 +4,19 @@ use super::messages::{Version, defines_joint_states};
 use crate::{Advice, listed};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// What a type or channel takes beside its texts, in bytes.
+/// Size of a type or channel beside its texts, in bytes.
 const OVERHEAD: usize = 256;
 
-/// What the files say about their topics, and which one is listened to.
+/// The topics of the files, and the one that is read.
 #[derive(Default)]
 pub(super) struct Topics {
-    /// The one asked for.
+    /// The requested topic.
     wanted: Option<String>,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, Channel>,
     /// Types and serializations by topic.
     all: BTreeMap<String, String>,
-    /// Topics that have joint states, and the first of them.
+    /// Topics with joint states, and the first of them.
     heard: BTreeSet<String>,
     first: Option<String>,
 }
@@ -25,14 +25,14 @@ pub(super) struct Topics {
 struct Schema {
     name: String,
     encoding: String,
-    /// Whether the layout is that of joint states, should it be called one.
+    /// Whether the layout is that of joint states, if the type is named so.
     is_known: bool,
 }
 
 #[derive(PartialEq)]
 struct Channel {
     topic: String,
-    /// How its joint states are serialized; `None` for anything else.
+    /// Serialization of its joint states; `None` for anything else.
     version: Option<Version>,
 }
 
@@ -44,13 +44,13 @@ impl Topics {
         }
     }
 
-    /// IDs are those of one file.
+    /// Begins a file: IDs are valid within one file.
     pub fn begin_file(&mut self) {
         self.schemas.clear();
         self.channels.clear();
     }
 
-    /// The bytes that are kept of a type, none if it is known.
+    /// Registers a type. Returns the number of bytes kept, 0 if it is known.
     pub fn define(&mut self, header: SchemaHeader, definition: &[u8]) -> usize {
         let schema = Schema {
             name: header.name,
@@ -65,7 +65,7 @@ impl Topics {
         size
     }
 
-    /// The bytes that are kept of a channel, none if it is known.
+    /// Registers a channel. Returns the number of bytes kept, 0 if it is known.
     pub fn open(&mut self, channel: container::Channel) -> usize {
         let (mut version, mut text) = (None, "no type".to_owned());
         if let Some(schema) = self.schemas.get(&channel.schema_id) {
@@ -88,7 +88,7 @@ impl Topics {
         size
     }
 
-    /// How a message of this channel is serialized, if it is a joint state of the chosen topic.
+    /// The serialization of a message on this channel, if it is a joint state of the chosen topic.
     pub fn version(&mut self, channel: u16) -> Result<Option<Version>, String> {
         let Some(Channel { topic, version }) = self.channels.get(&channel) else {
             return Err(format!(
@@ -105,14 +105,14 @@ impl Topics {
         Ok(version.filter(|_| topic == self.chosen()))
     }
 
-    /// The topic asked for, or the first one with joint states.
+    /// The requested topic, or the first one with joint states.
     pub fn chosen(&self) -> &str {
         let topic = self.wanted.as_ref().or(self.first.as_ref());
         topic.map_or("", |t| t)
     }
 
-    /// The topic of the joint states, or what keeps the files from having one. `exported`: whether
-    /// [`McapExport`](crate::McapExport) wrote them, which puts predictions on other topics.
+    /// The topic of the joint states, or why there is none. `exported` says whether [`McapExport`](crate::McapExport) wrote
+    /// the files; it puts predictions on other topics.
     pub fn done(self, exported: bool) -> Result<String, (String, Option<Advice>)> {
         if exported && self.wanted.is_none() && self.chosen() == RECORDED {
             return Ok(RECORDED.to_owned());

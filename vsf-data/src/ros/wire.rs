@@ -1,11 +1,11 @@
-//! How ROS puts messages into bytes.
+//! Serialization of ROS messages.
 //!
-//! ROS 2 uses CDR: four bytes that name the encoding, then numbers aligned to their size, counted
-//! from behind these four bytes; texts end in a zero that their length counts (OMG DDS-XTypes 1.3,
-//! section 7.4.3, encoding version 1). ROS 1 aligns nothing and ends nothing. Sequences begin with
-//! their length in both; an empty one is not aligned.
+//! ROS 2 uses CDR: four bytes name the encoding; then come numbers aligned to their size, counted from after these four
+//! bytes. Strings end with a zero that their length includes (OMG DDS-XTypes 1.3, section 7.4.3, encoding version 1). ROS 1
+//! has neither alignment nor terminating zeros. In both, sequences begin with their length, and the contents of an empty
+//! one are not aligned.
 
-/// Bytes of a message, read from the front. Problems are told in words, with the place in bytes.
+/// Reads the bytes of a message from the front. Errors are texts with the position in bytes.
 pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -19,7 +19,7 @@ enum Kind {
 }
 
 impl<'a> Reader<'a> {
-    /// A message in CDR, of either order of bytes.
+    /// A CDR message, of either byte order.
     pub fn cdr(bytes: &'a [u8]) -> Result<Self, String> {
         let big_endian = match bytes.first_chunk() {
             Some([0, 0, _, _]) => true,
@@ -45,7 +45,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The bytes that are left.
+    /// Number of bytes left.
     pub fn left(&self) -> usize {
         self.bytes.len() - self.at
     }
@@ -79,7 +79,7 @@ impl<'a> Reader<'a> {
         Ok(f64::from_le_bytes(self.number()?))
     }
 
-    /// A text, which is UTF-8.
+    /// A string, which must be UTF-8.
     pub fn text(&mut self) -> Result<String, String> {
         let length = self.u32()? as usize;
         let at = self.at;
@@ -92,7 +92,7 @@ impl<'a> Reader<'a> {
         Ok(text.to_owned())
     }
 
-    /// A sequence of texts.
+    /// A sequence of strings.
     pub fn texts(&mut self) -> Result<Vec<String>, String> {
         let count = self.count(4)?;
         let mut texts = Vec::with_capacity(count);
@@ -112,8 +112,8 @@ impl<'a> Reader<'a> {
         Ok(numbers)
     }
 
-    /// The length of a sequence whose elements take `size` bytes at least: never more of them than
-    /// the bytes that are left can hold, so that memory may be reserved for them.
+    /// The length of a sequence whose elements take at least `size` bytes. It never exceeds what the remaining bytes can
+    /// hold, so memory may be reserved for it.
     fn count(&mut self, size: usize) -> Result<usize, String> {
         let count = self.u32()? as usize;
         if count <= self.left() / size {
@@ -141,10 +141,10 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// A message in CDR, little-endian.
+/// A little-endian CDR message.
 pub(crate) struct Writer(Vec<u8>);
 
-/// What comes in front of a message: little-endian CDR, without options.
+/// The bytes in front of a message: little-endian CDR, without options.
 const PREFIX: [u8; 4] = [0, 1, 0, 0];
 
 impl Writer {
@@ -172,14 +172,14 @@ impl Writer {
         self.number(value.to_le_bytes());
     }
 
-    /// A text of less than 4 GiB.
+    /// A string of less than 4 GiB.
     pub fn text(&mut self, text: &str) {
         self.u32(text.len() as u32 + 1);
         self.0.extend(text.bytes());
         self.0.push(0);
     }
 
-    /// A sequence of less than 2^32 texts.
+    /// A sequence of less than 2^32 strings.
     pub fn texts(&mut self, texts: &[String]) {
         self.u32(texts.len() as u32);
         texts.iter().for_each(|text| self.text(text));

@@ -1,12 +1,12 @@
 use super::Site;
 use crate::GapError;
 
-/// Whether the prediction depends on a parameter from zero on, or only gives an effect its form.
+/// Whether a parameter changes the prediction by itself, or only gives an effect its form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// Zero means no effect.
     Amplitude,
-    /// A time constant, a range, a threshold: without meaning while all amplitudes are zero.
+    /// A time constant, a range or a threshold. It has no influence while all amplitudes are zero.
     Shape,
 }
 
@@ -17,26 +17,29 @@ pub struct Parameter {
     pub name: String,
     /// SI unit, `1` for ratios.
     pub unit: &'static str,
-    /// The joint it belongs to, from 0.
+    /// The joint it belongs to, counted from 0.
     pub joint: Option<usize>,
-    /// Index of the sequence it speaks of alone, among [`Site::sequences`].
+    /// Index in [`Site::sequences`] of the only sequence that it applies to.
     pub sequence: Option<usize>,
     /// Amplitude or shape.
     pub role: Role,
-    /// Smallest and largest value that is physically plausible. The range of an amplitude holds 0, and
-    /// some of what is above it.
+    /// Smallest and largest physically plausible value. The range of an amplitude contains 0 and some positive values.
     pub bounds: [f64; 2],
-    /// A typical size, small against the change over which the prediction bends: differences are taken over it
-    /// while effects are screened and over half of it afterward, starting values are some of it apart, and what is
-    /// far beyond (5 of an amplitude while effects are screened, 50 of the others) is thought unlikely. Of a
-    /// frequency, the change that puts the wave out of step by a small part of a turn over the recording.
+    /// A typical size, small compared with the change over which the prediction becomes nonlinear.
+    ///
+    /// It is the step of finite differences in screening (half of it afterward). Starting values are a few scales apart.
+    /// Values far beyond it count as unlikely: 5 scales for an amplitude in screening, 50 for other parameters. For a
+    /// frequency, it is the change that shifts the phase by a small part of a turn over the recording.
     pub scale: f64,
-    /// Whether it is the share by which a joint's torques of the field are scaled; an effect has one for every joint, above
-    /// -1, or none. Such shares, the same for all joints, are a scale of the stiffness, which no recording tells from it:
-    /// of them, what joints differ by is sought, and told relative to the joint that most others agree with.
+    /// Whether the parameter is the share by which the field's torques at a joint are scaled.
+    ///
+    /// An effect has one such share for every joint, above -1, or none. If the share is the same for all joints, it is a
+    /// scale of the stiffness, from which no recording can tell it. Only the differences between joints are therefore
+    /// fitted, and they are reported relative to the joint that most others agree with.
     pub scales_field: bool,
-    /// Whether what it stands for ends at its lower bound, as friction does at none: a value there is as good as any, and no
-    /// sign that something else acts.
+    /// Whether the quantity physically ends at its lower bound, as friction does at zero.
+    ///
+    /// A value at that bound is then as good as any other, and no sign that something else acts.
     pub ends_low: bool,
 }
 
@@ -74,7 +77,7 @@ impl Parameter {
         }
     }
 
-    /// The same parameter as one of joint `j`, from 0.
+    /// This parameter as one of joint `j`, counted from 0.
     #[must_use]
     pub fn of_joint(self, j: usize) -> Self {
         Self {
@@ -83,7 +86,7 @@ impl Parameter {
         }
     }
 
-    /// The same parameter as one that scales a joint's torques of the field ([`Parameter::scales_field`]).
+    /// This parameter as one that scales the field's torques at a joint ([`Parameter::scales_field`]).
     #[must_use]
     pub fn of_field(self) -> Self {
         Self {
@@ -92,7 +95,7 @@ impl Parameter {
         }
     }
 
-    /// The same parameter as one that ends at its lower bound ([`Parameter::ends_low`]).
+    /// This parameter as one that ends at its lower bound ([`Parameter::ends_low`]).
     #[must_use]
     pub fn ending_low(self) -> Self {
         Self {
@@ -101,7 +104,7 @@ impl Parameter {
         }
     }
 
-    /// The same parameter as one of sequence `s` of the site alone, from 0.
+    /// This parameter as one of sequence `s` of the site alone, counted from 0.
     #[must_use]
     pub fn of_sequence(self, s: usize) -> Self {
         Self {
@@ -111,7 +114,8 @@ impl Parameter {
     }
 }
 
-/// One amplitude per joint, named `<prefix>_<joint from 1>`, with the unit that `unit` gives each. Bounds and scale are those of a rotating joint.
+/// One amplitude per joint, named `<prefix>_<joint from 1>`. `unit` gives the unit of each; bounds and scale are those of a
+/// rotating joint.
 pub(crate) fn per_joint(
     site: &Site,
     prefix: &str,

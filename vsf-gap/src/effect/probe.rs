@@ -1,6 +1,6 @@
 use super::{Site, slides};
 
-/// An experiment that tells effects apart: an effect that answers to it changes the readings in a way of its own.
+/// An experiment that tells effects apart: effects that respond to it change the readings in a way of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Probe {
@@ -16,11 +16,11 @@ pub enum Probe {
     TouchDeeper,
     /// A known place is touched in another posture of the arm.
     TouchInOtherPosture,
-    /// A known place is pushed along another axis: what is left to an arm that only slides.
+    /// A known place is pushed along another axis. This is what remains for an arm that has only prismatic joints.
     TouchAlongOtherAxis,
     /// Every joint moves to and fro in free air, at two speeds.
     MoveInAir,
-    /// The arm waits in free air and is read again in the same posture.
+    /// The arm waits in free air; then the same posture is read again.
     Wait,
     /// A known payload is carried through several postures.
     CarryPayload,
@@ -75,8 +75,8 @@ impl Probe {
         }
     }
 
-    /// Whether an arm can do it: an arm of one slide has one way to a place, and to slides a weight is the same in all
-    /// postures.
+    /// Whether an arm can do it. An arm with a single prismatic joint reaches a place in only one way, and to prismatic
+    /// joints a weight is the same in all postures.
     pub(crate) fn is_open_to(self, arm: Arm) -> bool {
         let several = arm.touches && arm.joints > 1;
         match self {

@@ -2,12 +2,11 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Site, check};
 use vsf_contact::ContactConfig;
 
-/// Points that stick to the robot when it leaves them: each follows the link, its spring in tension,
-/// and lets go when it is pulled further than `reach` from its rest position.
+/// Points that stick to the robot when it leaves them. Each follows the link, its spring in tension, and lets go when it is
+/// pulled further than `reach` from its rest position.
 ///
-/// One parameter, `reach` (m): the tension at which a point lets go is `K reach`. Tell-tale: the torque
-/// has the other sign as contact is lost, and none of it is seen on approach. A plastic set ends early
-/// instead.
+/// One parameter, `reach` (m): the tension at which a point lets go is `K reach`. Tell-tale: the torque changes sign as
+/// contact is lost, which is not seen on approach. With a plastic set, the force ends early instead.
 ///
 /// # Reference
 /// D. Maugis, "Adhesion of spheres: the JKR-DMT transition using a Dugdale model", J. Colloid and

@@ -4,15 +4,15 @@ use crate::effect::{
 };
 use nalgebra::{Matrix3, Vector3};
 
-/// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the
-/// normal of the touching surface and `S` a symmetric matrix in world axes, `S_zz = 0`.
+/// Springs whose stiffness depends on the direction: `K (u + a_t (u - n (n . u)) + S u)`, with `n` the normal of the
+/// touching surface and `S` a symmetric matrix in world axes, `S_zz = 0`.
 ///
-/// Friction bounds the force along the surface: what exceeds the cone about `n` of the assumed coefficient (without
+/// Friction bounds the force along the surface. What exceeds the cone about `n` of the assumed coefficient (without
 /// `contact_friction`), or of the displacement itself, is left out. Points that are pulled (`n . u <= 0`) keep `K u`.
 ///
-/// Parameters `a_t`, `s_xx`, `s_yy`, `s_xy`, `s_xz`, `s_yz` (1): what the stiffness is larger by along
-/// the surface, and in directions of the world compared to z. Tell-tale: the force is not along the
-/// displacement, also where nothing slips.
+/// Parameters `a_t`, `s_xx`, `s_yy`, `s_xy`, `s_xz`, `s_yz` (1): the relative excess of the stiffness along the surface,
+/// and in directions of the world compared to z. Tell-tale: the force is not along the displacement, even where nothing
+/// slips.
 ///
 /// # Reference
 /// G. Picinbono, H. Delingette, N. Ayache, "Non-linear anisotropic elasticity for real-time surgery

@@ -2,10 +2,10 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Site, check};
 use vsf_contact::ContactConfig;
 
-/// Another friction coefficient between robot and object than the nominal one.
+/// A friction coefficient between robot and object that differs from the nominal one.
 ///
-/// One parameter, `d_mu` (1), the difference to the nominal coefficient. Tell-tale: tangential
-/// forces, and a loop when the tangential motion turns round.
+/// One parameter, `d_mu` (1), the difference to the nominal coefficient. Tell-tale: tangential forces, and a hysteresis
+/// loop when the tangential motion reverses.
 ///
 /// # Reference
 /// K. L. Johnson, *Contact Mechanics*, 1985, chapter 7, doi:10.1017/CBO9781139171731.

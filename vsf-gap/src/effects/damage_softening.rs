@@ -4,13 +4,12 @@ use crate::effect::{
 };
 use nalgebra::Vector3;
 
-/// Springs that soften for good with the largest displacement `m` that they have seen:
+/// Springs that soften permanently with the largest displacement `m` that they have seen:
 /// `K (1 - d (1 - exp(-(m - y) / s)))` for `m > y`.
 ///
-/// Parameters `d` (1), the share of the stiffness that can be lost, and the shapes `y` (m), the
-/// displacement at which damage begins, and `s` (m), the displacement over which it grows. Damage
-/// stays from touch to touch and from sequence to sequence. Tell-tale: a softer second touch with the
-/// same onset; a plastic set moves the onset.
+/// Parameters `d` (1), the share of the stiffness that can be lost, and the shapes `y` (m), the displacement at which
+/// damage begins, and `s` (m), the displacement over which it grows. Damage persists from touch to touch and from sequence
+/// to sequence. Tell-tale: the second touch is softer and begins at the same place; a plastic set moves the onset.
 ///
 /// # Reference
 /// J. C. Simo, J. W. Ju, "Strain- and stress-based continuum damage models I", Int. J. Solids and

@@ -3,13 +3,13 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site};
 use crate::effect::{check, per_joint};
 
-/// Joint encoders that are off by a constant: the links are at `q_j + o_j`.
+/// Joint encoders with a constant offset: the links are at `q_j + o_j`.
 ///
-/// Parameters `o_<joint>` (rad or m). Tell-tale: contacts shift and torques are felt about other
-/// axes, by amounts that depend on the posture.
+/// Parameters `o_<joint>` (rad or m). Tell-tale: contacts shift and torques act about other axes, by amounts that depend on
+/// the posture.
 ///
-/// Of readings without the arm's weight (`torque_kind: external`) it changes what the contact gives alone: whoever
-/// took the weight off is thought to have known the true angles.
+/// In readings without the arm's weight (`torque_kind: external`), it changes only what contact contributes: the weight is
+/// assumed to have been subtracted at the true angles.
 ///
 /// # Reference
 /// J. M. Hollerbach, C. W. Wampler, "The calibration index and taxonomy for robot kinematic

@@ -5,8 +5,8 @@ use vsf_pipeline::LEAST_THRESHOLD;
 
 /// Links that are thicker or thinner than their model: surfaces lie `padding` further out.
 ///
-/// One parameter, `padding` (m); surfaces never shrink so far that less than 0.1 mm of the contact threshold is left. Tell-tale:
-/// contact begins early or late from all sides; a misplaced object is early on one side and late on
+/// One parameter, `padding` (m). Surfaces never shrink so far that less than 0.1 mm of the contact threshold is left.
+/// Tell-tale: contact begins early, or late, from all sides; with a misplaced object it is early on one side and late on
 /// the other.
 ///
 /// # Reference

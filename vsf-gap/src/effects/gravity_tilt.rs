@@ -7,13 +7,12 @@ use nalgebra::{Rotation3, Vector3};
 use std::sync::Arc;
 use vsf_robots::RobotModel;
 
-/// Gravity of another direction than assumed: a robot that is not leveled.
+/// A direction of gravity other than assumed: the robot is not level.
 ///
-/// Parameters `tilt_x` and `tilt_y` (rad), a rotation vector about the world axes with rotation `R`:
-/// the arm stands tilted by it, so that gravity is `R^T g` where the model, and whoever freed the
-/// readings of the arm's weight, has `g`. The weight of all links changes by that difference.
-/// Tell-tale: all joints, in proportion to how the weight of the links depends on its direction, in
-/// free motion too. A payload acts at the last link only.
+/// Parameters `tilt_x` and `tilt_y` (rad), a rotation vector about the world axes, with rotation `R`. The arm is tilted by
+/// it, so gravity is `R^T g` where the model (and whoever removed the arm's weight from the readings) has `g`. The weight
+/// of all links changes by that difference. Tell-tale: it acts on all joints, in proportion to how the weight of the links
+/// depends on its direction, in free motion too. A payload acts at the last link only.
 ///
 /// # Reference
 /// J. M. Hollerbach, W. Khalil, M. Gautier, "Model identification", *Springer Handbook of Robotics*,

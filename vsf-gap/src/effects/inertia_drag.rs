@@ -4,12 +4,12 @@ use crate::effect::{
     Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, Touch, check,
 };
 
-/// The object has mass and drag of its own: every touched point resists its motion by `-(m a + c v)`, a force on the
-/// robot where the point is, with the velocity `v` and acceleration `a` of the robot there.
+/// Mass and drag of the object: every touched point resists its motion by `-(m a + c v)`. This is a force on the robot at
+/// the point, with the velocity `v` and the acceleration `a` of the robot there.
 ///
-/// Parameters `m` (kg) and `c` (N s/m), each of one rest point, as stiffness is, so that they go with their spacing; the
-/// same of stiff points as of soft ones. Tell-tale: proportional to the acceleration of the contact; the dampers of
-/// `viscoelastic` are as strong as the springs are.
+/// Parameters `m` (kg) and `c` (N s/m), each per rest point, so they depend on the spacing of the points as stiffness does.
+/// They are the same for stiff and soft points. Tell-tale: proportional to the acceleration of the contact. The dampers of
+/// `viscoelastic`, in contrast, are proportional to the stiffness.
 ///
 /// # Reference
 /// N. Hogan, "Impedance control: an approach to manipulation, part I", J. Dynamic Systems,

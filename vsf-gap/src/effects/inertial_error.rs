@@ -8,16 +8,15 @@ use std::sync::Arc;
 use vsf_data::TorqueKind;
 use vsf_robots::RobotModel;
 
-/// Wrong masses of the arm: every link has more mass, with its first moments, and every joint a rotor
-/// whose inertia the model leaves out.
+/// Wrong masses of the arm: every link has additional mass with first moments, and every joint a rotor inertia that the
+/// model leaves out.
 ///
-/// Parameters per joint `j` and the link that it moves: `m_j` (kg), first moments `mx_j`, `my_j`,
-/// `mz_j` in the frame of the link (kg m), and, where the readings are those of the actuators, `I_j`
-/// (kg m² or kg), the inertia of the rotor seen from the link. Of `external` readings, which somebody has
-/// freed of the weight that he took the arm to have, the wrong weight remains; inertia is left out there.
-/// Masses are wrong by 40 % at most. Moments of inertia of the links are left out. Some combinations never
-/// show, such as the mass of a link that turns about a vertical axis: only base parameters can be identified.
-/// Tell-tale: posture and acceleration, in free motion. A payload is at the last link only.
+/// Parameters per joint `j`, for the link that it moves: `m_j` (kg), the first moments `mx_j`, `my_j`, `mz_j` in the frame
+/// of the link (kg m), and, if the readings are those of the actuators, `I_j` (kg m² or kg), the inertia of the rotor seen
+/// from the link. In `external` readings, from which the assumed weight of the arm was subtracted, the weight error
+/// remains; inertia is left out. Masses are wrong by 40 % at most. Moments of inertia of the links are left out. Some
+/// combinations never show, such as the mass of a link that turns about a vertical axis: only base parameters are
+/// identifiable. Tell-tale: it depends on posture and acceleration, in free motion. A payload is at the last link only.
 ///
 /// # Reference
 /// M. Gautier, W. Khalil, "Direct calculation of minimum set of inertial parameters of serial robots",
@@ -30,8 +29,8 @@ const MOST_WRONG: f64 = 0.4;
 const LEAST_MASS: f64 = 0.1;
 const LEAST_ARM: f64 = 0.05;
 
-/// What names of rotor inertias begin with; and the inertia of one, in its standard deviations, and those in that of the
-/// prior, that is beyond doubt.
+/// Prefix of the names of rotor inertias. One is beyond doubt if it exceeds this many of its standard deviations, and these
+/// are below this share of the prior's.
 const ROTOR: &str = "I_";
 const SURE: f64 = 10.0;
 const TOLD: f64 = 0.5;
@@ -58,7 +57,7 @@ impl Effect for InertialError {
         Acts::Torques
     }
 
-    /// Its many parameters bend to all that changes slowly with posture.
+    /// Its many parameters fit anything that changes slowly with posture.
     fn null_gain(&self) -> f64 {
         25.0
     }
@@ -67,7 +66,7 @@ impl Effect for InertialError {
         Some("payload")
     }
 
-    /// A rotor that no payload is.
+    /// Whether there is a rotor inertia, which no payload has.
     fn exceeds(
         &self,
         parameters: &[Parameter],

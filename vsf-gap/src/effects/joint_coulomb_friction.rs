@@ -5,11 +5,10 @@ use crate::effect::{check, per_joint};
 
 /// Dry friction in the joints: `-c_j (w_j + s_j |w_j|)`, with `w_j = tanh(qd_j / eps)`.
 ///
-/// Parameters `c_<joint>` (N m or N), the mean of both directions; the shapes `s_<joint>` (1, -0.5 to 0.5),
-/// by what share it is larger forward and smaller backward; and the shape `eps` (rad/s or m/s), the
-/// speed at which friction has three quarters of its size, and at twice of it nearly all. Tell-tale: it turns
-/// round with the direction of motion, alike at all speeds and loads, in free motion too. Motion one way only makes
-/// it a bias.
+/// Parameters `c_<joint>` (N m or N), the mean of both directions; the shapes `s_<joint>` (1, -0.5 to 0.5), the share by
+/// which it is larger forward and smaller backward; and the shape `eps` (rad/s or m/s), the speed at which friction reaches
+/// three quarters of its size (nearly all at twice that speed). Tell-tale: it reverses with the direction of motion, is the
+/// same at all speeds and loads, and shows in free motion too. If joints move in one direction only, it looks like a bias.
 ///
 /// # Reference
 /// B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and

@@ -5,12 +5,12 @@ use crate::effect::{
 };
 use std::ops::Range;
 
-/// Friction and inertia of a joint that are driven by the motion of another, as in gears that share a housing and
-/// tendons that pass by: `-c_jk tanh(qd_k / eps) - d_jk qd_k - i_jk qdd_k`.
+/// Friction and inertia of a joint that are driven by the motion of another one, as in gears that share a housing or
+/// tendons that run past a joint: `-c_jk tanh(qd_k / eps) - d_jk qd_k - i_jk qdd_k`.
 ///
-/// Parameters `c_<j>_<k>` (N m or N), `d_<j>_<k>` (N m s/rad, N s/m, ...) and `i_<j>_<k>` (kg m², kg, ...) for every
-/// joint `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbors along the arm may act
-/// together, or any one pair alone. Tell-tale: the residual of one joint follows the velocity or the acceleration of another.
+/// Parameters `c_<j>_<k>` (N m or N), `d_<j>_<k>` (N m s/rad, N s/m, ...) and `i_<j>_<k>` (kg m², kg, ...) for every joint
+/// `j` and every other joint `k`, and the shape `eps` (rad/s or m/s). All neighbors along the arm may act together, or any
+/// one pair alone. Tell-tale: the residual of one joint follows the velocity or the acceleration of another.
 ///
 /// # Reference
 /// B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, *Robotics: Modelling, Planning and Control*,

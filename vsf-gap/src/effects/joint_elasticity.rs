@@ -4,12 +4,12 @@ use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, S
 use crate::effect::{check, per_joint};
 use vsf_data::TorqueKind;
 
-/// Gears that give way: a link turns ahead of its encoder by `c_j tau_j`, where `tau_j` is the load of
-/// the environment on the joint; with readings of the actuators, it lags by `c_j` times the reading.
+/// Elastic gears: a link turns ahead of its encoder by `c_j tau_j`, where `tau_j` is the load of the environment on the
+/// joint. With readings of the actuators, it lags by `c_j` times the reading.
 ///
-/// Parameters `c_<joint>`, compliances (rad/(N m) or m/N). Tell-tale: the arm gives way in proportion
-/// to the load of each joint. All joints alike is a softer object. Of readings without the arm's weight
-/// (`torque_kind: external`) it changes what the contact gives alone.
+/// Parameters `c_<joint>`, compliances (rad/(N m) or m/N). Tell-tale: the arm gives way in proportion to the load of each
+/// joint. If all joints give way alike, it looks like a softer object. In readings without the arm's weight
+/// (`torque_kind: external`), it changes only what contact contributes.
 ///
 /// # Reference
 /// M. W. Spong, "Modeling and control of elastic joint robots", J. Dynamic Systems, Measurement, and

@@ -7,12 +7,16 @@ use vsf_data::TorqueKind;
 
 /// Dry friction in the joints that is proportional to the load of the gears: `-m_j |tau_j| sign(qd_j)`.
 ///
-/// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction has
-/// three quarters of its size, and at twice of it nearly all. The load is that of the contact, and friction fades where it
-/// is so small that its sign is noise: to three quarters of its size at 0.1 N m (or N), `-m_j tau_j tanh(tau_j / 0.1)`; for readings of
-/// the actuators it is that of the arm's weight and motion, unless the motor is off: then friction alone stands against these, and they would
-/// be explained by themselves. Tell-tale: nothing in free motion without weight, and a loop between pressing
-/// and letting go that each joint has for itself; friction on the object's surface acts on all joints at once.
+/// Parameters `m_<joint>` (1) and the shape `eps` (rad/s or m/s), the speed at which friction reaches three quarters of its
+/// size (nearly all at twice that speed).
+///
+/// The load is that of the contact. Friction fades where the load is so small that its sign is noise:
+/// `-m_j tau_j tanh(tau_j / 0.1)`, three quarters of its size at 0.1 N m (or N). For readings of the actuators, the load is
+/// that of the arm's weight and motion, unless the motor is off: then friction alone balances these, and they would explain
+/// themselves.
+///
+/// Tell-tale: nothing in free motion without weight, and a hysteresis loop between pressing and letting go that each joint
+/// has for itself. Friction on the object's surface acts on all joints at once.
 ///
 /// # Reference
 /// A. C. Bittencourt, S. Gunnarsson, "Static friction in a robot joint: modeling and identification of
@@ -21,20 +25,20 @@ use vsf_data::TorqueKind;
 #[derive(Debug, Clone, Copy)]
 pub struct JointLoadFriction;
 
-/// Loads (N m or N) below which their sign is noise.
+/// Loads (N m or N) below which the sign of the load is noise.
 const FAINT: f64 = 0.1;
 
-/// A motor whose torque is a smaller share of the arm's is off; readings are averaged over a few samples.
+/// A motor is off if its torque is a smaller share of the arm's torque. Readings are averaged over a few samples.
 const OFF: f64 = 0.1;
 
 #[derive(Clone)]
 struct Friction {
     m: Vec<f64>,
     eps: f64,
-    /// Load of the contact (N m or N). Its sign is not that of the reading where friction is larger
-    /// than the load, but that of the force behind the readings of all joints.
+    /// Load of the contact (N m or N). Its sign is that of the force behind the readings of all joints; that of the single
+    /// reading is wrong where friction is larger than the load.
     load: Vec<f64>,
-    /// The gears carry the arm, not only the contact.
+    /// Whether the gears carry the arm, not only the contact.
     measured: bool,
 }
 

@@ -6,10 +6,9 @@ use crate::effect::{check, per_joint};
 /// Dry friction in the joints that is larger in slow motion (Stribeck):
 /// `-(c_j + e_j exp(-(qd_j / vs)^2)) tanh(qd_j / eps)`.
 ///
-/// Parameters `c_<joint>` (N m or N), friction in fast motion; `e_<joint>` (N m or N), what slow
-/// motion adds; the shapes `vs` (rad/s or m/s), the speed at which the excess fades, and `eps`, that at
-/// which friction sets in. Tell-tale: friction that falls with speed. Without slow and fast motion it
-/// is Coulomb friction.
+/// Parameters `c_<joint>` (N m or N), friction in fast motion; `e_<joint>` (N m or N), the excess in slow motion; the
+/// shapes `vs` (rad/s or m/s), the speed at which the excess fades, and `eps`, the speed at which friction sets in.
+/// Tell-tale: friction that falls with speed. Without both slow and fast motion, it is Coulomb friction.
 ///
 /// # Reference
 /// H. Olsson, K. J. Astrom, C. Canudas de Wit, M. Gafvert, P. Lischinsky, "Friction models and
@@ -17,11 +16,11 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct JointStribeckFriction;
 
-/// Excess of slow motion, per friction in fast motion and per its standard deviation, that is no fault in
-/// the form of Coulomb friction.
+/// Smallest excess of slow motion that is no error in the form of Coulomb friction: relative to friction in fast motion
+/// and, in standard deviations, to its own.
 const LARGE: f64 = 1.0 / 3.0;
 const SURE: f64 = 4.0;
-/// Standard deviation of an excess that the data tell, per that of its prior.
+/// Largest posterior standard deviation, relative to that of the prior, of an excess that the data determine.
 const TOLD: f64 = 0.5;
 
 #[derive(Clone)]
@@ -49,8 +48,8 @@ impl Effect for JointStribeckFriction {
         Some("joint_coulomb_friction")
     }
 
-    /// A joint in which slow motion adds more than a third, without doubt. Where all motion is slow the data
-    /// cannot tell excess from the rest, which leaves its deviation near that of the prior.
+    /// Whether there is a joint in which slow motion adds more than a third, beyond doubt. If all motion is slow, the data
+    /// cannot tell the excess from the rest, and its deviation stays near that of the prior.
     fn exceeds(&self, _: &[Parameter], theta: &[f64], sd: &[f64], prior_sd: &[f64]) -> bool {
         let d = (theta.len() / 2).saturating_sub(1);
         let excess = theta.iter().zip(sd.iter().zip(prior_sd)).skip(d);

@@ -5,8 +5,8 @@ use crate::effect::{check, per_joint};
 
 /// Friction in the joints that grows with speed: `-d_j qd_j`.
 ///
-/// Parameters `d_<joint>` (N m s/rad or N s/m). Tell-tale: proportional to the velocity of its own
-/// joint, there in free motion too. Motion at one speed only makes it dry friction.
+/// Parameters `d_<joint>` (N m s/rad or N s/m). Tell-tale: proportional to the velocity of its own joint, in free motion
+/// too. If joints move at one speed only, it looks like dry friction.
 ///
 /// # Reference
 /// B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use vsf_robots::RobotModel;
 
-/// Readings that come late: at time `t` they are those of posture and motion at `t - delta`.
+/// Readings that come late: the reading at time `t` belongs to posture and motion at `t - delta`.
 ///
-/// One parameter, `delta` (s). Motion between samples is interpolated linearly, of continuous joints the shorter
-/// way round; before the first sample of a touch it is taken to have been that of the sample. Tell-tale: a lag, of the arm's weight in
-/// free motion too, that is the same time at every speed; a viscous object leads.
+/// One parameter, `delta` (s). Motion between samples is interpolated linearly, for continuous joints along the shorter way
+/// round. Before the first sample of a touch, the motion is taken to be that of the first sample. Tell-tale: a lag by the
+/// same time at every speed, also of the arm's weight in free motion. A viscous object leads instead.
 ///
 /// # Reference
 /// P. Furgale, J. Rehder, R. Siegwart, "Unified temporal and spatial calibration for multi-sensor
@@ -25,7 +25,7 @@ struct Delay {
     times: VecDeque<f64>,
     /// Positions, velocities and accelerations at these times, one after the other.
     kept: VecDeque<f64>,
-    /// Those at the wanted time.
+    /// Positions, velocities and accelerations at the wanted time.
     then: Vec<f64>,
 }
 

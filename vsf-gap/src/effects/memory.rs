@@ -1,4 +1,4 @@
-//! What touched points remember from sample to sample.
+//! State of touched points that lasts from sample to sample.
 
 use nalgebra::Vector3;
 use vsf_core::Contacts;
@@ -42,8 +42,8 @@ impl Memory {
         }
     }
 
-    /// One sample: `next` makes the inner variable of a point from its last displacement, its last
-    /// inner variable and its displacement; `gain` times it is added to the spring. It never makes a spring
+    /// Advances by one sample. `next` computes the inner variable of a point from its last displacement, its last inner
+    /// variable and its displacement. `gain` times the result is added to the spring. It never makes a spring
     /// pull: the point would leave the link.
     pub(super) fn advance(
         &mut self,

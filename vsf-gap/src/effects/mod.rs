@@ -63,7 +63,7 @@ use crate::GapError;
 use crate::effect::Effect;
 use std::sync::Arc;
 
-/// All effects of the library, in the order of the catalogue.
+/// All effects of the library, in catalogue order.
 pub fn catalogue() -> Vec<Arc<dyn Effect>> {
     vec![
         Arc::new(TorqueBias),
@@ -96,10 +96,10 @@ pub fn catalogue() -> Vec<Arc<dyn Effect>> {
     ]
 }
 
-/// The effects of the catalogue with these names, in this order.
+/// The effects of the catalogue with these names, in the given order.
 ///
 /// # Errors
-/// [`GapError::UnknownEffect`], which lists those that there are.
+/// [`GapError::UnknownEffect`], which lists the known names.
 pub fn named<S: AsRef<str>>(names: &[S]) -> Result<Vec<Arc<dyn Effect>>, GapError> {
     let all = catalogue();
     let find = |name: &S| {

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 
 /// An object that gives way as a whole: its base moves by `c F` under the force `F` of the robot.
 ///
-/// Parameters `c_x`, `c_y`, `c_z` (m/N), compliances along the world axes. The force is the one behind
-/// the reading of the sample before. Tell-tale: all contacts shift with the load, also those of far
-/// away touches; gears that give way move the arm by other amounts in other postures.
+/// Parameters `c_x`, `c_y`, `c_z` (m/N), compliances along the world axes. The force is the one behind the reading of the
+/// previous sample. Tell-tale: all contacts shift with the load, also those of touches far away. Elastic gears, in
+/// contrast, move the arm by amounts that depend on the posture.
 ///
 /// # Reference
 /// S. A. Neild, C. J. Wood, "Estimating stem and root-anchorage flexibility in trees", Tree Physiology

@@ -6,13 +6,12 @@ use crate::{Campaign, GapError};
 use nalgebra::Vector3;
 use vsf_data::TorqueKind;
 
-/// Something that the last link carries: a mass `m` with its center at `c`, frame of that link.
+/// A payload at the last link: a mass `m` with its center at `c` in the frame of that link.
 ///
-/// Parameters `m` (kg) and first moments `mx`, `my`, `mz` (kg m), that is `m c`; torques are linear in
-/// them. Its weight loads the joints; where the readings are those of the actuators, so does its
-/// inertia, that about the link's origin left out. Moments without mass are a link whose own center of
-/// mass lies elsewhere than the model has it. Tell-tale: depends on posture, there in free motion
-/// too. A bias does not depend on posture, a tilt acts on all links.
+/// Parameters `m` (kg) and first moments `mx`, `my`, `mz` (kg m), that is, `m c`; torques are linear in them. Its weight
+/// loads the joints. If the readings are those of the actuators, so does its inertia, except that about the link's origin.
+/// Moments without mass mean that the link's own center of mass lies elsewhere than in the model. Tell-tale: it depends on
+/// posture, in free motion too. A bias does not depend on posture; a tilt acts on all links.
 ///
 /// # Reference
 /// C. G. Atkeson, C. H. An, J. M. Hollerbach, "Estimation of inertial parameters of manipulator loads

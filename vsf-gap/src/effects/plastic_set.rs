@@ -4,13 +4,12 @@ use crate::effect::{
 };
 use nalgebra::Vector3;
 
-/// Springs that stay compressed: of what a displacement exceeds the yield displacement `y` by, the
-/// share `a` remains, `p = a (|u| - y) u / |u|` at the largest displacement so far.
+/// Springs that stay compressed: the share `a` of the displacement beyond the yield displacement `y` remains,
+/// `p = a (|u| - y) u / |u|` at the largest displacement so far.
 ///
-/// Parameters `a` (1) and the shape `y` (m). A spring pushes with `u` less the part of the set along
-/// `u`, and never pulls. The set stays from touch to touch and from sequence to sequence. Tell-tale:
-/// the force is gone early as the robot withdraws, and comes late at the next touch. Damage has the
-/// same onset.
+/// Parameters `a` (1) and the shape `y` (m). A spring pushes with `u` minus the part of the set along `u`, and never pulls.
+/// The set persists from touch to touch and from sequence to sequence. Tell-tale: the force ends early as the robot
+/// withdraws, and begins late at the next touch. Damage has the same onset.
 ///
 /// # Reference
 /// J. C. Simo, T. J. R. Hughes, *Computational Inelasticity*, 1998, chapter 1, doi:10.1007/b98904.

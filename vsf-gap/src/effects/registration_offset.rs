@@ -2,13 +2,12 @@ use crate::GapError;
 use crate::effect::{Acts, Compensator, Effect, Need, Parameter, Probe, Sample, Site, check};
 use nalgebra::Vector3;
 
-/// An object that is not where the recording has it, by one offset for the whole session and one
-/// more for each sequence.
+/// An object that is not where the recording has it, by one offset for the whole session and a further one for each
+/// sequence.
 ///
-/// Parameters `dx`, `dy`, `dz` (m, world), the offset of all sequences, and `dx_<sequence>`, ...,
-/// what a sequence adds; a sequence that is not known has the common offset alone. Tell-tale: where
-/// and when contact begins. A dense field absorbs a common offset, not one that changes between
-/// sequences.
+/// Parameters `dx`, `dy`, `dz` (m, world), the offset of all sequences, and `dx_<sequence>`, ..., what a sequence adds. An
+/// unknown sequence has the common offset alone. Tell-tale: where and when contact begins. A dense field absorbs a common
+/// offset, but not one that changes between sequences.
 ///
 /// # Reference
 /// P. J. Besl, N. D. McKay, "A method for registration of 3-D shapes", IEEE Trans. Pattern Analysis

@@ -6,12 +6,12 @@ use crate::effect::{
 use nalgebra::Vector3;
 use vsf_core::RestPoints;
 
-/// Springs between neighboring points: the force on the robot at a touched point `i` is
-/// `-kappa sum_j (u_i - u_j)` over its neighbors `j`, besides that of its own spring.
+/// Springs between neighboring points: besides the force of its own spring, a touched point `i` exerts
+/// `-kappa sum_j (u_i - u_j)` on the robot, summed over its neighbors `j`.
 ///
-/// One parameter, `kappa` (N/m), of every pair of points at most 1.5 times the typical distance of
-/// neighbors apart. Neighbors that are not touched stay at rest. Tell-tale: the force of two
-/// places pressed together is not the sum of what they take alone.
+/// One parameter, `kappa` (N/m). Neighbors are pairs of points at most 1.5 times the typical distance of neighbors apart.
+/// Neighbors that are not touched stay at rest. Tell-tale: the force of two places pressed together is not the sum of their
+/// single forces.
 ///
 /// # Reference
 /// A. D. Kerr, "Elastic and viscoelastic foundation models", J. Applied Mechanics 31(3), 1964,
@@ -21,8 +21,8 @@ pub struct SpatialCoupling;
 
 /// How far apart neighbors are at most, in typical distances: the faces and edges of a cubic grid.
 const REACH: f64 = 1.5;
-/// Points nearer than this share of it are in one place, as invalid pixels are: nothing is between them, and of thousands all
-/// would be each other's neighbors.
+/// Points nearer than this share of the typical distance are in one place, as invalid pixels are. There is no spring
+/// between them: thousands of such points would all be each other's neighbors.
 const SAME_PLACE: f64 = 1e-3;
 
 #[derive(Clone)]

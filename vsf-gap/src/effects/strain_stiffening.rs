@@ -4,11 +4,11 @@ use crate::effect::{
 };
 use nalgebra::Vector3;
 
-/// Springs that stiffen as they are compressed: `K (1 + beta |u|^2)`, more generally
-/// `K (1 + beta |u|^n L^(2 - n))` with `L` = 3 cm.
+/// Springs that stiffen as they are compressed: `K (1 + beta |u|^2)`, more generally `K (1 + beta |u|^n L^(2 - n))` with
+/// `L` = 3 cm.
 ///
-/// Parameters `beta` (1/m²) and the shape `n` (1). Tell-tale: a convex force that depends on the
-/// displacement alone, not on its rate or history. Stiff points deep in the object look alike.
+/// Parameters `beta` (1/m²) and the shape `n` (1). Tell-tale: a convex force that depends on the displacement alone, not on
+/// its rate or history. Stiff points deep in the object look alike.
 ///
 /// # Reference
 /// Y. C. Fung, "Elasticity of soft tissues in simple elongation", American J. Physiology 213(6), 1967,

@@ -5,16 +5,16 @@ use crate::effect::{
 };
 use nalgebra::Vector3;
 
-/// A branch that relaxes within less (s) is a damper: `viscoelastic`.
+/// A branch with a shorter relaxation time (s) is a damper: `viscoelastic`.
 const SHORTEST: f64 = 0.5;
 
-/// Springs with a spring and a damper in series beside them (standard linear solid, one Maxwell
-/// branch): `K (u + g h)` with `dh/dt = du/dt - h / tau`.
+/// Springs with a spring and a damper in series beside them (standard linear solid, one Maxwell branch): `K (u + g h)` with
+/// `dh/dt = du/dt - h / tau`.
 ///
-/// Parameters `g` (1), the stiffness of the branch over that of the spring, and the shape `tau` (s).
-/// The branch is integrated exactly for displacements that are linear between samples. A point that is
-/// let go starts afresh, and the object never pulls. Tell-tale: the force decays while the robot holds
-/// still; a damper alone (viscoelastic) drops at once.
+/// Parameters `g` (1), the stiffness of the branch relative to that of the spring, and the shape `tau` (s). The branch is
+/// integrated exactly for displacements that are linear between samples. A point that was let go starts afresh, and the
+/// object never pulls. Tell-tale: the force decays while the robot holds still; with a damper alone (viscoelastic) it drops
+/// at once.
 ///
 /// # Reference
 /// J. C. Simo, "On a fully three-dimensional finite-strain viscoelastic damage model: formulation and

@@ -5,8 +5,8 @@ use crate::{Campaign, GapError};
 
 /// A constant error of the torque sensors: joint `j` reads `b_j` more than its torque, also in free motion.
 ///
-/// Parameters `b_<joint>` (N m or N), of all joints or of one alone. Tell-tale: it neither depends on posture nor on motion; an
-/// unmodeled weight changes with the posture.
+/// Parameters `b_<joint>` (N m or N), of all joints or of one alone. Tell-tale: it depends neither on posture nor on
+/// motion. An unmodeled weight changes with the posture.
 ///
 /// # Reference
 /// A. De Luca, A. Albu-Schaffer, S. Haddadin, G. Hirzinger, "Collision detection and safe reaction
@@ -56,8 +56,8 @@ impl Effect for TorqueBias {
         per_joint(site, "b", unit(site, "N m", "N"), [-100.0, 100.0], 0.5)
     }
 
-    /// One start for all joints, and one for each alone: else a bias of one joint pays for those of all others, and loses to
-    /// what imitates it with fewer parameters, such as dry coupling to a joint that moves one way.
+    /// One start for all joints, and one for each joint alone. Otherwise a bias of one joint pays for those of all others,
+    /// and loses to what imitates it with fewer parameters, such as dry coupling to a joint that moves in one direction.
     fn starts(&self, site: &Site) -> Vec<Vec<f64>> {
         let alone = if site.joints() > 1 { site.joints() } else { 0 };
         vec![vec![0.0; site.joints()]; 1 + alone]

@@ -5,14 +5,15 @@ use crate::effect::{
 };
 use crate::effect::{check, per_joint};
 
-/// An error of the torque sensors that grows: joint `j` reads `r_j T (1 - exp(-t / T))` more than its torque at clock
-/// `t` of the session, or `s_j T (1 - exp(-t / T))` at time `t` of the sequence, if zero is set before each.
+/// A growing error of the torque sensors: joint `j` reads `r_j T (1 - exp(-t / T))` more than its torque at clock `t` of
+/// the session. If the sensors are zeroed before each sequence, it reads `s_j T (1 - exp(-t / T))` more at time `t` of the
+/// sequence.
 ///
-/// Parameters `r_<joint>` and `s_<joint>` (N m/s or N/s), the drift per time at the start of the session and of each
-/// sequence, of which either all `r` or all `s` act, and the shape `T` (s): a warm-up if it is shorter than the
-/// session, linear in the clock if it is longer. Tell-tale: it follows the clock and nothing else, so that a posture
-/// visited twice reads differently; a bias does not. Drifts wander: beside that curve, a random walk of up to about a third
-/// of what has grown by the end is taken for part of it.
+/// Parameters `r_<joint>` and `s_<joint>` (N m/s or N/s), the drift rate at the start of the session and of each sequence,
+/// of which either all `r` or all `s` act; and the shape `T` (s). The drift is a warm-up if `T` is shorter than the
+/// session, and linear in the clock if it is longer. Tell-tale: it follows the clock and nothing else, so a posture visited
+/// twice reads differently; with a bias it does not. Drifts wander: beside that curve, a random walk of up to about a third
+/// of the final drift counts as part of it.
 ///
 /// # Reference
 /// J. Fraden, *Handbook of Modern Sensors*, 5th ed., 2016, chapter 3,
@@ -20,19 +21,19 @@ use crate::effect::{check, per_joint};
 #[derive(Debug, Clone, Copy)]
 pub struct TorqueDrift;
 
-/// Time constants that the search starts from, in lengths of the session: as good as linear, and a warm-up. A drift
-/// that begins anew with every sequence starts from the first alone.
+/// Time constants that the search starts from, in lengths of the session: practically linear, and a warm-up. A drift that
+/// begins anew with every sequence starts from the first alone.
 const STARTS: [f64; 2] = [10.0, 0.4];
 
-/// A drift per length of the session, or of a sequence, (N m or N) that is looked for, with room for those that are
-/// over early.
+/// Typical drift (N m or N) over the length of the session, or of a sequence, that is looked for, with room for drifts that
+/// end early.
 const TYPICAL: f64 = 3.0;
-/// Longest time constant (s) that is told from a line, if the session is not longer still.
+/// Longest time constant (s) that is told from a straight line, unless the session is longer still.
 const LONGEST: f64 = 1e6;
 
 #[derive(Clone)]
 struct Drift {
-    /// Per joint, on the load of the environment per time of the session and of the sequence (N m/s or N/s).
+    /// Per joint, the rates for the time of the session and of the sequence, on the load of the environment (N m/s or N/s).
     rates: [Vec<f64>; 2],
     /// Time constant (s).
     T: f64,
@@ -40,7 +41,7 @@ struct Drift {
     began: Option<f64>,
 }
 
-/// What has grown by time `t` (s) of a rate of 1.
+/// Drift at time `t` (s) for a rate of 1.
 fn grown(t: f64, T: f64) -> f64 {
     -T * (-t / T).exp_m1()
 }

@@ -5,10 +5,11 @@ use vsf_data::TorqueKind;
 
 /// Torque sensors or drives with a wrong gain: joint `j` reads `1 + g_j` times its torque.
 ///
-/// Parameters `g_<joint>` (1). Readings of the actuators have the gain on the weight and motion of
-/// the arm too, but not on what other effects of the same model add: products of two errors are left out. Tell-tale: the error is proportional to the torque of its own joint. Where only contact
-/// is read, a gain that all joints share is a scale of the stiffness, and cannot be told from it: gains
-/// are relative to the joint that most others agree with ([`Parameter::scales_field`]).
+/// Parameters `g_<joint>` (1). In readings of the actuators, the gain also applies to the weight and motion of the arm, but
+/// not to what other effects of the same model add: products of two errors are left out. Tell-tale: the error is
+/// proportional to the torque of its own joint. Where only contact is read, a gain that all joints share cannot be told
+/// from a scale of the stiffness, so gains are relative to the joint that most others agree with
+/// ([`Parameter::scales_field`]).
 ///
 /// # Reference
 /// M. Gautier, S. Briot, "Global identification of joint drive gains and dynamic parameters of
@@ -19,7 +20,7 @@ pub struct TorqueGain;
 #[derive(Clone)]
 struct Gain {
     g: Vec<f64>,
-    /// The readings hold the load of the gears, which has the gain too.
+    /// Whether the readings include the load of the gears, to which the gain applies too.
     measured: bool,
 }
 

@@ -5,12 +5,12 @@ use crate::effect::{
 };
 use nalgebra::Vector3;
 
-/// Springs with dampers beside them (Kelvin-Voigt): `K (u + eta v)`, with `v` the rate of `u` or, where
-/// a stiff spring holds the damper, its mean over the past `lag`: `lag dv/dt = du/dt - v`.
+/// Springs with dampers beside them (Kelvin-Voigt): `K (u + eta v)`. Here `v` is the rate of `u` or, where a stiff spring
+/// holds the damper, its mean over the past `lag`: `lag dv/dt = du/dt - v`.
 ///
-/// Parameters `eta` (s) and the shape `lag` (s); a longer lag is that of `stress_relaxation`. A point is
-/// never pulled. Tell-tale: proportional to the speed of the indentation, nothing while the robot holds
-/// still. A late reading (latency) lags, this leads.
+/// Parameters `eta` (s) and the shape `lag` (s); a longer lag is that of `stress_relaxation`. A point is never pulled.
+/// Tell-tale: proportional to the speed of the indentation, and zero while the robot holds still. The force leads; with
+/// late readings (latency) it lags.
 ///
 /// # Reference
 /// Y. C. Fung, *Biomechanics: Mechanical Properties of Living Tissues*, 2nd ed., 1993, section 2.11,

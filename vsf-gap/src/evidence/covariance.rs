@@ -1,4 +1,4 @@
-//! The covariance of readings with the stiffness integrated out, and the stiffness that they leave.
+//! The covariance of readings with the stiffness integrated out, and the posterior mean of the stiffness.
 
 use super::lattice::hats;
 use super::matrix::{Factor, add_outer, outer};
@@ -11,11 +11,11 @@ use faer::Mat;
 use nalgebra::Point3;
 use std::ops::Range;
 
-/// Times (s) over which the model's roughness persists: of contact, and of joints.
+/// Correlation times (s) of the model's roughness, of contact and of joints.
 const CONTACT_TIMES: [f64; 3] = [0.05, 0.3, 3.0];
 const JOINT_TIMES: [f64; 2] = [0.5, 5.0];
 
-/// Sizes of what readings vary by.
+/// Standard deviations of what makes readings vary.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(test, derive(Default))]
 pub(crate) struct Spread {
@@ -25,19 +25,19 @@ pub(crate) struct Spread {
     pub(crate) smooth: f64,
     /// Standard deviation of the common level of the stiffness (N/m).
     pub(crate) level: f64,
-    /// Roughness of contact: the share of the force at the contact that is unexplained; the place where it acts is off by as
+    /// Roughness of contact: unexplained share of the force at the contact. The place where the force acts is off by as
     /// large a share of 0.1 m ([`crate::Campaign::lever`]).
     pub(crate) contact: f64,
     /// Roughness of joints: unexplained torque as a share of each joint's RMS torque.
     pub(crate) joint: f64,
-    /// The same of what does not persist from window to window.
+    /// Roughness of joints that does not persist from window to window, as the same share.
     pub(crate) white: f64,
     /// Random walks of the model's effects, in their own sizes ([`RandomWalk`]).
     pub(crate) walk: f64,
 }
 
 impl Spread {
-    /// That of a stiffness so many times as large.
+    /// The spread for a stiffness `by` times as large.
     pub(crate) fn scaled(self, by: f64) -> Self {
         Self {
             point: by * self.point,
@@ -48,40 +48,41 @@ impl Spread {
     }
 }
 
-/// The parts of the covariance of a design, ready to be put together for any [`Spread`].
+/// The parts of the covariance of a design, ready to be combined for any [`Spread`].
 pub(crate) struct Parts {
     windows: Windows,
-    /// Of a stiffness that is independent from point to point, and of one that is smooth; empty where nothing is touched.
+    /// Covariance of the torques for a stiffness that is independent from point to point, and for a smooth one; empty if
+    /// nothing is touched.
     points: Mat<f64>,
     smooth: Mat<f64>,
     level: Vec<f64>,
     lever: Mat<f64>,
-    /// By window: how much of the roughness of contact, and of joints, persists to each of the windows that follow in its
-    /// sequence, itself the first.
+    /// Per window: how much of the roughness of contact, and of joints, persists to each window from itself to the end of
+    /// its sequence.
     fades: Vec<Vec<[f64; 2]>>,
     errors: Errors,
-    /// Rows that have nothing to do with those of other blocks.
+    /// Blocks of rows that are independent of each other.
     blocks: Vec<Range<usize>>,
 }
 
-/// What readings are off by, whatever is touched.
+/// Errors of the readings, whatever is touched.
 pub(crate) struct Errors {
-    /// Covariance of the noise of the rows, lower triangle where it matters ([`Windows::noise`]).
+    /// Covariance of the noise of the rows, lower triangle, entries that matter ([`Windows::noise`]).
     pub(crate) noise: Vec<(usize, usize, f64)>,
-    /// How far the zero of every row is off ([`Windows::zeros`]).
+    /// Standard deviation of the zero of every row ([`Windows::zeros`]).
     pub(crate) zeros: Vec<f64>,
     /// RMS reading per joint (N m or N).
     pub(crate) joint_rms: Vec<f64>,
-    /// What the model's effects stray by.
+    /// Random walks by which the model's effects stray.
     pub(crate) walks: Vec<RandomWalk>,
-    /// When the sequence of every motion starts, by the session's clock (s): the same of parts of one sequence.
+    /// Start of the sequence of every motion, by the session's clock (s); the same for parts of one sequence.
     pub(crate) begins: Vec<f64>,
-    /// Whether its readings are relative to its start.
+    /// Whether the motion's readings are relative to its start.
     pub(crate) tared: Vec<bool>,
 }
 
 impl Parts {
-    /// Gathers the parts; `lever` is that of [`crate::Campaign::lever`].
+    /// Assembles the parts; `lever` is that of [`crate::Campaign::lever`].
     pub(crate) fn new(
         design: &Design,
         rest: &[Point3<f64>],
@@ -109,7 +110,7 @@ impl Parts {
         }
     }
 
-    /// Takes points out: `design` holds the points that are left, `out` the columns of those that are not.
+    /// Removes points: `design` holds the points that remain, `out` the columns of those that are removed.
     pub(crate) fn leave_out(&mut self, out: &Mat<f64>, design: &Design, rest: &[Point3<f64>]) {
         add_outer(&mut self.points, out, -1.0);
         (self.smooth, self.level) = common(design, rest);
@@ -125,7 +126,7 @@ impl Parts {
         &self.level
     }
 
-    /// Variance of the noise of the readings' product with some torques.
+    /// Variance of the scalar product of the readings' noise with `torques`.
     pub(crate) fn noise_along(&self, torques: &[f64]) -> f64 {
         let product = |&(row, col, value): &(usize, usize, f64)| {
             let times = if row == col { 1.0 } else { 2.0 };
@@ -204,7 +205,7 @@ impl Parts {
         c
     }
 
-    /// Adds the covariance of the random walks: a variance times what two readings of a joint have walked together.
+    /// Adds the covariance of the random walks: a variance times the walk that two readings of a joint have in common.
     fn add_walks(&self, variance: f64, c: &mut Mat<f64>) {
         let d = self.windows.joints;
         let Errors { begins, tared, .. } = &self.errors;
@@ -235,7 +236,7 @@ impl Parts {
     }
 }
 
-/// What persists from each window to those that follow in its sequence, of contact and of joints.
+/// How much persists from each window to the following ones of its sequence, for contact and for joints.
 fn fades(windows: &Windows) -> Vec<Vec<[f64; 2]>> {
     let of = |(i, w): (usize, &Window)| {
         let followers = windows.list[i..].iter();
@@ -253,8 +254,7 @@ fn fades(windows: &Windows) -> Vec<Vec<[f64; 2]>> {
     windows.list.iter().enumerate().map(of).collect()
 }
 
-/// The covariance of the torques of a field that is smooth, lower triangle, and the torques of one that
-/// is 1 N/m everywhere.
+/// The covariance of the torques of a smooth field, lower triangle, and the torques of a field that is 1 N/m everywhere.
 fn common(design: &Design, rest: &[Point3<f64>]) -> (Mat<f64>, Vec<f64>) {
     let n = design.w.nrows();
     let hats = hats(&design.points, rest);
@@ -272,7 +272,7 @@ fn common(design: &Design, rest: &[Point3<f64>]) -> (Mat<f64>, Vec<f64>) {
     (outer_of_touched(&smooth), level)
 }
 
-/// `A A^T`, lower triangle; empty where nothing is touched.
+/// `A A^T`, lower triangle; empty if nothing is touched.
 fn outer_of_touched(a: &Mat<f64>) -> Mat<f64> {
     if a.ncols() > 0 {
         outer(a)
@@ -281,8 +281,8 @@ fn outer_of_touched(a: &Mat<f64>) -> Mat<f64> {
     }
 }
 
-/// The field's mean over touched points, given readings without the additive torques, already
-/// solved with the covariance (`C^-1 r`).
+/// Posterior mean of the field over touched points. `C^-1 r` must be given, where `r` are the readings without the additive
+/// torques.
 pub(crate) fn field_mean(
     design: &Design,
     rest: &[Point3<f64>],

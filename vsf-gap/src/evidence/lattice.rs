@@ -1,9 +1,9 @@
-//! Stiffness that varies smoothly: by the nodes of a lattice, with straight lines between them.
+//! Smooth stiffness fields: linear interpolation between the nodes of a lattice.
 
 use nalgebra::Point3;
 use std::collections::BTreeMap;
 
-/// Edge of the cells (m) over which stiffness varies smoothly.
+/// Edge of the cells (m), over which stiffness varies smoothly.
 const CELL: f64 = 0.04;
 
 pub(super) struct Hats {
@@ -12,8 +12,8 @@ pub(super) struct Hats {
     pub(super) weights: Vec<(usize, usize, f64)>,
 }
 
-/// Trilinear interpolation of the points between the nodes of a lattice, scaled so that every
-/// point has unit variance when the nodes have.
+/// Trilinear interpolation of the points between the nodes of a lattice, scaled so that every point has unit variance if
+/// the nodes have.
 pub(super) fn hats(points: &[u32], rest: &[Point3<f64>]) -> Hats {
     let mut nodes = BTreeMap::new();
     let mut weights = Vec::with_capacity(8 * points.len());

@@ -1,4 +1,4 @@
-//! Products of dense matrices, and covariances in factors.
+//! Products of dense matrices, and factored covariances.
 
 use crate::GapError;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -12,14 +12,14 @@ use vsf_core::CoreError;
 /// Rows of a band in [`add_outer`].
 const BAND: usize = 64;
 
-/// A factored covariance, of blocks of rows that have nothing to do with each other.
+/// A factored covariance, in blocks of rows that are independent of each other.
 pub(crate) struct Factor {
     lower: Mat<f64>,
     blocks: Vec<Range<usize>>,
 }
 
 impl Factor {
-    /// Of a covariance, by its lower triangle.
+    /// Factors a covariance, given by its lower triangle.
     ///
     /// # Errors
     /// A matrix that is not positive definite.
@@ -28,7 +28,7 @@ impl Factor {
         Self::of_blocks(covariance, vec![all])
     }
 
-    /// The same, of one that is zero but for blocks along its diagonal.
+    /// Factors a covariance that is zero except for blocks along its diagonal.
     ///
     /// # Errors
     /// A matrix that is not positive definite.
@@ -80,7 +80,7 @@ impl Factor {
         }
     }
 
-    /// `x` of `C x = b`.
+    /// Solves `C x = b`.
     pub(crate) fn solved(&self, b: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(b.len(), 1, |i, _| b[i]);
         self.solve(&mut x);
@@ -101,22 +101,22 @@ impl Factor {
         self.log_det_of(self.lower.nrows())
     }
 
-    /// The same of the first rows, so many.
+    /// `log det C` of the first `rows` rows and columns.
     pub(crate) fn log_det_of(&self, rows: usize) -> f64 {
         let diagonal = (0..rows).map(|i| self.lower[(i, i)]);
         diagonal.map(|pivot| 2.0 * pivot.ln()).sum()
     }
 }
 
-/// `A A^T`; above the diagonal it is not complete.
+/// `A A^T`; incomplete above the diagonal.
 pub(crate) fn outer(a: &Mat<f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), a.nrows());
     add_outer(&mut out, a, 1.0);
     out
 }
 
-/// Adds `sign A A^T` on and below the diagonal. Neighboring rows touch the same few points: of two bands of rows
-/// only the columns count that are not zero in both.
+/// Adds `sign A A^T` on and below the diagonal. Neighboring rows touch the same few points, so for two bands of rows only
+/// the columns that are not zero in both are multiplied.
 pub(super) fn add_outer(to: &mut Mat<f64>, a: &Mat<f64>, sign: f64) {
     let n = a.nrows();
     let touched = |rows: &Range<usize>| -> Vec<usize> {

@@ -2,14 +2,15 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Most rounds per parameter of a fit within bounds, and the slope at a bound (square root of nats) that is rounding.
+/// Most rounds per parameter of a fit within bounds, and the slope at a bound (square root of nats) that counts as
+/// rounding.
 const ROUNDS: usize = 20;
 const LEVEL_SLOPE: f64 = 1e-9;
 
-/// An effect beside the rest, linear in its parameters.
+/// The fit of an effect that is linear in its parameters.
 #[derive(Debug, Clone)]
 pub(crate) struct Fit {
-    /// Log of the evidence's gain over the same model without the effect (nats).
+    /// Gain of log evidence over the same model without the effect (nats).
     pub(crate) gain: f64,
     /// Parameters with the largest posterior density.
     pub(crate) theta: DVector<f64>,
@@ -17,19 +18,19 @@ pub(crate) struct Fit {
     pub(crate) covariance: DMatrix<f64>,
 }
 
-/// Information and score of whitened tangents (one column per parameter) for whitened readings.
+/// Information matrix and score of whitened tangents (one column per parameter) for whitened readings.
 #[derive(Debug, Clone)]
 pub(crate) struct Normal {
     /// `T^T C^-1 T`.
     pub(crate) information: DMatrix<f64>,
     /// `T^T C^-1 y`.
     pub(crate) score: DVector<f64>,
-    /// What readings tell of every parameter alone, without what ties them.
+    /// Information of the readings on every parameter alone, without the ties between parameters.
     own: DVector<f64>,
 }
 
 impl Normal {
-    /// Of tangents `t` and readings `y`, both whitened.
+    /// From tangents `t` and readings `y`, both whitened.
     pub(crate) fn new(y: &[f64], t: &[&[f64]]) -> Self {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut information = DMatrix::zeros(t.len(), t.len());
@@ -46,9 +47,10 @@ impl Normal {
         }
     }
 
-    /// The evidence with the parameters integrated out under independent priors of mean zero and
-    /// deviations `sd`. Parameters that would leave their bounds are held there, and cost as much as others: that they might
-    /// have been anywhere inside. `None` where numbers do not tell.
+    /// Integrates the parameters out under independent priors of mean zero and deviations `sd`.
+    ///
+    /// Parameters that would leave their bounds are held there. They cost as much evidence as others, since they might have
+    /// been anywhere inside. `None` if the numbers do not allow a fit.
     pub(crate) fn fit(&self, sd: &[f64], bounds: &[[f64; 2]]) -> Option<Fit> {
         let p = sd.len();
         let mut theta = DVector::from_fn(p, |i, _| 0.0_f64.clamp(bounds[i][0], bounds[i][1]));
@@ -81,7 +83,7 @@ impl Normal {
         None
     }
 
-    /// The held parameter that would gain most by moving inside of its bounds, if any would.
+    /// The held parameter that would gain most by moving inside its bounds, if any would.
     fn leaves_bound(
         &self,
         theta: &DVector<f64>,
@@ -144,7 +146,7 @@ impl Normal {
         })
     }
 
-    /// `log det (1 + S^1/2 I S^1/2)`, what integrating out the parameters costs twice.
+    /// `log det (1 + S^1/2 I S^1/2)`: twice the cost of integrating out the parameters.
     pub(crate) fn log_det(&self, sd: &[f64]) -> f64 {
         let p = sd.len();
         let precision = DMatrix::from_fn(p, p, |i, j| {

@@ -5,7 +5,7 @@ use vsf_core::{Contacts, Posture};
 use vsf_gap::{Compensator, Sample, Site, Touch};
 use vsf_robots::JointKind;
 
-/// Samples of a touch, and of its part in contact.
+/// Samples of a touch, and of the part of it in contact.
 const TOUCH: usize = 30;
 const CONTACT: std::ops::Range<usize> = 6..24;
 /// Time between samples (s).
@@ -13,7 +13,7 @@ const DT: f64 = 0.02;
 /// Most points that are touched.
 const TOUCHED: usize = 6;
 
-/// A sample and what is touched at it.
+/// A sample, and what is touched at it.
 struct Row {
     clock: f64,
     dt: f64,
@@ -23,12 +23,12 @@ struct Row {
     reading: Vec<f64>,
     load: Vec<f64>,
     force_W: Vector3<f64>,
-    /// Where the recording has the robot, so that every method is seen alone.
+    /// Posture at the recorded positions, so that every method is tested on its own.
     posture: Posture,
     contacts: Contacts,
 }
 
-/// What other effects did before, 0 and 1 where there are none.
+/// Changes by previous effects; 0 and 1 if there are none.
 #[derive(Clone, Copy)]
 pub(super) struct Others {
     /// Added to positions, velocities and accelerations.
@@ -56,7 +56,7 @@ impl Others {
     };
 }
 
-/// What a compensator made of all samples, method by method.
+/// Output of a compensator for all samples, method by method.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Done {
     pub motion: Vec<f64>,
@@ -68,7 +68,7 @@ pub(super) struct Done {
 }
 
 impl Done {
-    /// All numbers, by what they are.
+    /// All numbers, by kind.
     pub fn parts(&self) -> [(&'static str, Vec<f64>); 6] {
         let c = &self.contact;
         let contact = [
@@ -94,7 +94,7 @@ impl Done {
 const STICKS: f64 = 0.85;
 const PULLED: f64 = 0.001;
 
-/// Two touches of every sequence of a site, or of one where it names none.
+/// Two touches in every sequence of a site, or in one sequence if it names none.
 pub(super) struct Drive<'a> {
     site: &'a Site,
     /// Rows of each touch, by the name of its sequence.
@@ -179,7 +179,8 @@ impl Row {
     }
 }
 
-/// A row of a touch: joints swing, points are pressed down and dragged aside, the second time deeper, and one is pulled in the end.
+/// A row of a touch. Joints swing, points are pressed down and dragged aside (deeper the second time), and one is pulled at
+/// the end.
 fn make(site: &Site, touch: usize, row: usize) -> Row {
     let t = DT * row as f64;
     let joints = || site.robot.joints().iter().enumerate();

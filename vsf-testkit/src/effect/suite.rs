@@ -1,9 +1,9 @@
 use super::drive::{Done, Drive, Others};
 use vsf_gap::{Acts, Effect, Parameter, Role, Site};
 
-/// Halvings of the interval in which a jump is sought.
+/// Halvings of the interval in which a jump is searched.
 const HALVINGS: usize = 12;
-/// Share of a parameter's change that a jump may make up: points come and go one by one.
+/// Largest share of a parameter's change that a jump may make up. Some jumps are normal: points come and go one by one.
 const JUMP: f64 = 0.5;
 
 /// An effect at a site.
@@ -13,7 +13,7 @@ pub(super) struct Suite<'a> {
     parameters: Vec<Parameter>,
     starts: Vec<Vec<f64>>,
     drive: Drive<'a>,
-    /// What no effect makes of the samples.
+    /// Output without an effect.
     nominal: Done,
 }
 
@@ -24,7 +24,7 @@ struct Nothing;
 impl vsf_gap::Compensator for Nothing {}
 
 impl<'a> Suite<'a> {
-    /// Of an effect whose declaration has been checked.
+    /// For an effect whose declaration has been checked.
     pub fn new(effect: &'a dyn Effect, site: &'a Site) -> Self {
         let drive = Drive::new(site);
         Self {
@@ -44,7 +44,7 @@ impl<'a> Suite<'a> {
         }
     }
 
-    /// A start with all amplitudes at `share` of their scales, as far as the bounds allow.
+    /// A start with all amplitudes at `share` of their scales, within the bounds.
     fn at(&self, start: &[f64], share: f64) -> Vec<f64> {
         let value = |(p, shape): (&Parameter, &f64)| match p.role {
             Role::Amplitude => (share * p.scale).min(p.bounds[1]),
@@ -53,7 +53,7 @@ impl<'a> Suite<'a> {
         self.parameters.iter().zip(start).map(value).collect()
     }
 
-    /// Whether it changes what it says that it acts on, with all amplitudes at their scales.
+    /// Whether it changes what it says it acts on, with all amplitudes at their scales.
     pub fn acts(&self) -> bool {
         let own: &[&str] = match self.effect.acts() {
             Acts::Torques => &["gains", "torques"],
@@ -224,8 +224,8 @@ impl<'a> Suite<'a> {
         }
     }
 
-    /// The share of the change between two values of parameter `i` that is left after the interval has been halved
-    /// toward the larger change again and again, and where; `None` where nothing changes.
+    /// Largest jump between two values of parameter `i`: the share of the change that is left after halving the interval
+    /// repeatedly toward the larger change, and where. `None` if nothing changes.
     fn jump(&self, base: &[f64], i: usize, between: [f64; 2]) -> Option<(f64, f64)> {
         let at = |value: f64| {
             let mut theta = base.to_vec();

@@ -30,7 +30,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// The belief of one that was made, reset and fed. Where the prior correlates points, a reset leaves that out.
+    /// The belief of an estimator that was made, reset and fed. For priors that correlate points, the reset is left out.
     fn afresh(&self, readings: &[Reading]) -> Belief<T> {
         let mut estimator = (self.make)(self.prior());
         estimator.reset(self.prior()).unwrap();
@@ -75,7 +75,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// A point first touched late has its prior to learn from.
+    /// A point first touched late still has its prior to learn from.
     pub(super) fn late(&self) {
         let o = &self.options;
         let mut estimator = (self.make)(self.prior());
@@ -113,7 +113,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// Time that passes widens the belief by just that, or is refused.
+    /// Time that passes widens the belief by exactly the given variance, or is refused.
     pub(super) fn diffusion(&self) {
         let o = &self.options;
         let readings = self.sequence(o.points);
@@ -161,7 +161,7 @@ impl<T: Scalar> Suite<'_, T> {
     }
 }
 
-/// A box passes everything on.
+/// A box forwards everything.
 pub(super) fn boxed<T: Scalar, E: Estimator<Scalar = T>>(
     suite: &Suite<'_, T>,
     make: &dyn Fn(Belief<T>) -> E,

@@ -98,7 +98,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// Numbers whose squares overflow: an estimator may cope, but not half.
+    /// Numbers whose squares overflow. An estimator may cope with them, but not partially.
     pub(super) fn overflow(&self) {
         let o = &self.options;
         let mut estimator = (self.make)(self.prior());

@@ -85,7 +85,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// The first innovation of independent points is known: `S = W diag(v) W^T + R`.
+    /// For independent points, the first innovation is known: `S = W diag(v) W^T + R`.
     pub(super) fn first_innovation(&self) {
         let (o, prior) = (&self.options, self.prior());
         let (d, r) = (o.channels, o.noise_sd.powi(2));
@@ -133,7 +133,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// Mean NIS of independent first readings, within five standard deviations of its law.
+    /// Mean NIS of independent first readings is within five standard deviations of its law.
     pub(super) fn nis(&self) {
         let o = &self.options;
         let (trials, mut total) = (400u64, 0.0);
@@ -155,9 +155,10 @@ impl<T: Scalar> Suite<'_, T> {
         );
     }
 
-    /// Mean NIS per degree of freedom, and the degrees of freedom, of sequences of strong readings of
-    /// fields drawn from the prior that take a step of variance `drift` before each; `None` when the
-    /// estimator cannot follow.
+    /// Mean NIS per degree of freedom, and the degrees of freedom, of sequences of strong readings.
+    ///
+    /// The fields are drawn from the prior and take a step of variance `drift` before each reading. `None` if the estimator
+    /// cannot follow.
     fn nis_ratio(&self, drift: f64) -> Option<(f64, f64)> {
         let o = &self.options;
         let (mean, worlds) = (20.0 * o.prior_sd, 100);
@@ -186,8 +187,8 @@ impl<T: Scalar> Suite<'_, T> {
         Some((total / dof, dof))
     }
 
-    /// Within five standard deviations of the chi-squared law for exact estimators, within the
-    /// interval they state for others.
+    /// Mean NIS of sequences: within five standard deviations of the chi-squared law for exact estimators, within their
+    /// stated interval for others.
     pub(super) fn consistency(&self) {
         let o = &self.options;
         if !o.exact && o.nis_ratio.is_none() {

@@ -2,15 +2,15 @@ use super::EstimatorOptions;
 use crate::{LinearWorld, Reading};
 use vsf_core::{Belief, Estimator, Scalar};
 
-/// One maker of estimators and the problems that are posed to what it makes.
+/// A maker of estimators, and the problems for what it makes.
 pub(super) struct Suite<'a, T: Scalar> {
-    /// Boxed, so that the problems are compiled once for all estimators.
+    /// Boxed, so that the problems are compiled only once for all estimators.
     pub(super) make: &'a dyn Fn(Belief<T>) -> Box<dyn Estimator<Scalar = T>>,
     pub(super) options: EstimatorOptions,
 }
 
 impl<T: Scalar> Suite<'_, T> {
-    /// A prior that differs from point to point, so that mixed-up points show.
+    /// A prior that differs from point to point, to detect mixed-up points.
     pub(super) fn prior(&self) -> Belief<T> {
         let o = &self.options;
         let spread = |i: usize| 1.0 + 0.2 * ((i * 7 % 5) as f64 - 2.0) / 2.0;
@@ -19,7 +19,7 @@ impl<T: Scalar> Suite<'_, T> {
         Belief::new(mean.collect(), variance.collect()).unwrap()
     }
 
-    /// A sequence that touches the points below `limit`.
+    /// A sequence that touches points below `limit`.
     pub(super) fn sequence(&self, limit: usize) -> Vec<Reading> {
         let o = &self.options;
         let mut world = LinearWorld::new(o.points, o.prior_mean, o.prior_sd, o.seed);
@@ -46,7 +46,7 @@ impl<T: Scalar> Suite<'_, T> {
         estimator.belief().clone()
     }
 
-    /// Tolerance of sums over a sequence, relative to the prior's scale.
+    /// Tolerance for sums over a sequence, relative to the prior's scale.
     pub(super) fn tolerance(&self) -> f64 {
         2e3 * T::EPSILON.to_f64()
     }
@@ -71,7 +71,7 @@ impl<T: Scalar> Suite<'_, T> {
     }
 }
 
-/// Equal bit for bit.
+/// Asserts equality, bit for bit.
 pub(super) fn same<T: Scalar>(got: &Belief<T>, expected: &Belief<T>, what: &str) {
     let bits = |x: &[T]| x.iter().map(|v| v.to_f64().to_bits()).collect::<Vec<_>>();
     let (g, e) = (bits(got.mean()), bits(expected.mean()));

@@ -64,7 +64,7 @@ impl<T: Scalar> Suite<'_, T> {
             .collect()
     }
 
-    /// tau, W and the noise in another unit of torque: the same stiffness.
+    /// With tau, W and the noise in another unit of torque, the stiffness stays the same.
     pub(super) fn torque_units(&self) {
         let expected = self.run(self.prior(), &self.scaled(1.0, 1.0));
         for c in [3.7, 1e-3] {
@@ -73,7 +73,7 @@ impl<T: Scalar> Suite<'_, T> {
         }
     }
 
-    /// W in another unit of length: stiffness in its inverse.
+    /// With W in another unit of length, stiffness is in the inverse unit.
     pub(super) fn stiffness_units(&self) {
         let expected = self.run(self.prior(), &self.scaled(1.0, 1.0));
         let times = |x: &[T], c: f64| x.iter().map(|v| T::from_f64(v.to_f64() * c)).collect();
