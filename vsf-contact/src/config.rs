@@ -9,7 +9,7 @@ const LENGTHS: RangeInclusive<f64> = 1e-9..=1.0;
 pub struct ContactConfig {
     /// Contact threshold delta (m), 1e-9 to 1, default 2 mm (paper). A point comes into contact
     /// when it is closer than this to the surface of a link. It then lies on the surface offset by
-    /// this distance, and detaches when `u . n < 0`.
+    /// this distance (and the padding), and detaches when `u . n < 0` (with adhesion, when it is pulled further than that).
     pub threshold: f64,
     /// Friction coefficient nu_f (1), >= 0, default 0.15 (paper). A point sticks while its
     /// displacement lies in the cone `u . n >= |u| / sqrt(1 + nu_f²)`, that is, its tangential

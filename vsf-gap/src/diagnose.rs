@@ -87,7 +87,7 @@ impl DiagnosisStep {
 /// # Errors
 /// - [`GapError::TooLittle`]: no train sequence, fewer than 8 runs of 4 train samples, torques that are all zero, joints
 ///   that all stand still (within 1e-3 rad or m), or no effect that these data could show.
-/// - [`GapError::TooMuch`]: a robot with more than 48 joints.
+/// - [`GapError::TooMuch`]: a robot with more than 48 joints, or a split of more than 5200 sequences times joints.
 /// - Effects with invalid parameters or starts, rows that contact cannot take, covariances that are not positive definite.
 pub fn diagnose(
     campaign: &Campaign,

@@ -36,8 +36,8 @@ pub(crate) fn told(campaign: &Campaign, plain: &Plain, share: f64) -> String {
         .map(value)
         .collect();
     format!(
-        "one stiffness everywhere ({:.3} N/m) and {} ({}) explain {:.0} % of what a stiffness that differs from place \
-         to place explains beyond a uniform one: these recordings do not tell the one from the other",
+        "a uniform stiffness ({:.3} N/m) with {} ({}) explains {:.0} % of what a stiffness that differs from place to place \
+         explains beyond a uniform one: these recordings do not tell the two apart",
         plain.stiffness,
         plain.effect.name(),
         theta.join(", "),
@@ -102,8 +102,8 @@ pub(crate) fn of_search(
         let which = named.effects.join(" and ");
         let unit = campaign.scene.error_unit();
         notes.push(format!(
-            "with {which} the test sequences are predicted worse ({} {unit} instead of {} {unit}): the corrected model is \
-             the nominal one",
+            "with {which} the test sequences are predicted worse ({} {unit} instead of {} {unit}), so the corrected model \
+             stays the nominal one",
             number(error),
             number(without)
         ));
@@ -111,7 +111,7 @@ pub(crate) fn of_search(
     if verdict.effects.is_empty() && nominal.contradicts() {
         let how = if opposes(nominal.likeness) {
             format!(
-                "by and large it is opposite to what springs give (correlation {:.2})",
+                "on the whole it is opposite to what springs give (correlation {:.2})",
                 nominal.likeness
             )
         } else {
@@ -127,16 +127,16 @@ pub(crate) fn of_search(
     }
     if verdict.kind == VerdictKind::NoGap && verdict.hidden >= TOLD {
         notes.push(format!(
-            "an effect, of contact or material above all, may act that the stiffness takes up, so that it does not show \
-             here (probability {:.0} %)",
+            "an effect may act that the stiffness field absorbs, so that it does not show here, above all one of contact or \
+             material (probability {:.0} %)",
             100.0 * verdict.hidden
         ));
     }
     let unexplained = verdict.effects.is_empty() && judgment.left_free.is_none();
     if let Some(surprise) = trial.surprise.filter(|_| unexplained) {
         notes.push(format!(
-            "the test sequences contradict the train sequences: they are off by {} times what these lead to expect, new places \
-             allowed for (root mean square); look for other units, signs or orders of joints in some of them, and for another \
+            "the test sequences contradict the train sequences: their errors are {} times what the train sequences lead to \
+             expect, new places allowed for (root mean square); look for other units, signs or orders of joints in some of them, and for another \
              object or place",
             number(surprise)
         ));
@@ -144,8 +144,8 @@ pub(crate) fn of_search(
     if let Some(left) = judgment.left_free {
         let unit = campaign.scene.error_unit();
         notes.push(format!(
-            "in free motion {} {unit} persist or oscillate on the test sequences, which no stiffness explains and no named \
-             effect takes away",
+            "in free motion of the test sequences an error of {} {unit} persists or oscillates, which neither a stiffness nor \
+             a named effect explains",
             number(left)
         ));
     }
@@ -161,7 +161,7 @@ pub(crate) fn of_search(
     notes.extend((judgment.named.as_ref()).and_then(|t| relative(campaign, t.refined)));
     if let Some(persistence) = judgment.persistence {
         notes.push(format!(
-            "what {} leaves unexplained lasts, with a correlation of {persistence:.2} from one stretch of samples to \
+            "the residual of {} persists, with a correlation of {persistence:.2} from one stretch of samples to \
              the next: something else acts, beside it or in its place",
             verdict.effects.join(" and ")
         ));
@@ -174,15 +174,15 @@ pub(crate) fn of_search(
     let aside: Vec<String> = judgment.refused.iter().map(aside).collect();
     if !aside.is_empty() {
         notes.push(format!(
-            "left aside, since the test sequences do not bear them out enough for what they gain on the \
-             train sequences: {}; {} {unit} without them{}",
+            "left aside, since the test sequences do not bear them out as much as the train sequences speak for them: {}; \
+             {} {unit} without them{}",
             aside.join(", "),
             number(trial.before.mean_error()),
             if estimated { ", of the diagnosis' own fields" } else { "" }
         ));
     }
     if campaign.test.is_empty() {
-        notes.push("there is one sequence only: errors are those of the fit itself".to_owned());
+        notes.push("there is only one sequence: errors are those of the fit itself".to_owned());
     }
     if let Some(last) = campaign.test.first().filter(|_| campaign.held_out) {
         notes.push(format!(
@@ -198,14 +198,14 @@ pub(crate) fn of_search(
 /// Note that springs have no part in the answer.
 pub(crate) fn nothing_touched() -> String {
     "the train sequences touch no point, so that springs explain nothing: if the arm did touch the object, base_pose or points \
-     are off, or in other units; if it did not, leave the points out"
+     are wrong or in other units; if it did not, leave the points out"
         .to_owned()
 }
 
 /// Note that what effects leave to the springs is opposite to spring torques.
 pub(crate) fn opposite(effects: &[String], likeness: f64) -> String {
     format!(
-        "what {} leaves to the springs is opposite to what these give (correlation {likeness:.2}), so that it may stand for \
+        "what remains with {} is opposite to what springs give (correlation {likeness:.2}), so that it may stand for \
          something else; check the sign and the unit of the torques, base_pose and points",
         effects.join(" and ")
     )
@@ -214,7 +214,7 @@ pub(crate) fn opposite(effects: &[String], likeness: f64) -> String {
 /// Note that effects have no parameter that the readings determine.
 pub(crate) fn nothing_said_of(effects: &[String]) -> String {
     format!(
-        "the readings say nothing of any parameter of {}, so that it may stand for something else",
+        "the readings say nothing about any parameter of {}, so that it may stand for something else",
         effects.join(" and ")
     )
 }
@@ -222,8 +222,8 @@ pub(crate) fn nothing_said_of(effects: &[String]) -> String {
 /// Note that the corrected model does hardly better than sensors that read zero; `silence` is their error.
 pub(crate) fn as_good_as_silence(campaign: &Campaign, silence: f64) -> String {
     format!(
-        "sensors that are taken to read nothing leave {silence:.4} {}, the corrected model hardly less or even more: it may \
-         stand for readings that are not of this motion, or hold no torques",
+        "predicting zero torque leaves an error of {silence:.4} {}, and the corrected model hardly less or even more: the readings may \
+         belong to another motion, or hold no torques",
         campaign.scene.error_unit()
     )
 }
@@ -276,7 +276,7 @@ pub(crate) fn closest(kind: VerdictKind, model: &Model) -> Option<String> {
     let names: Vec<&str> = model.parts.iter().map(|(e, _)| e.name()).collect();
     (kind != VerdictKind::Effects && !names.is_empty()).then(|| {
         format!(
-            "the corrected model holds what comes closest ({}), not a known cause: it may predict worse elsewhere",
+            "the corrected model holds the effects that come closest ({}), not a known cause: it may predict worse elsewhere",
             names.join(", ")
         )
     })
@@ -293,7 +293,7 @@ fn relative(campaign: &Campaign, named: &Refined) -> Option<String> {
         "since they have to be to one of them"
     };
     Some(format!(
-        "a gain common to all joints is a scale of the stiffness, and not told from it: gains are relative to {joint}, {why} \
+        "a gain common to all joints cannot be told from a scale of the stiffness: gains are relative to {joint}, {why} \
          ({} is 0 for that reason)",
         p.name
     ))
@@ -310,8 +310,8 @@ fn rounded(campaign: &Campaign) -> Option<String> {
     let names: Vec<&str> = rounded.iter().map(|(j, _)| joints[*j].name()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "readings come in steps of up to {coarsest} {}, more than their noise ({}): what rounding leaves follows \
-             the motion as effects do, and small effects may stand for it",
+            "readings come in steps of up to {coarsest} {}, more than their noise ({}): rounding errors follow the motion as \
+             effects do, and small effects may stand for them",
             campaign.scene.error_unit(),
             names.join(", ")
         )
@@ -323,8 +323,8 @@ fn incomplete(noise: f64, error: f64) -> Option<String> {
     let times = error / noise.max(f64::MIN_POSITIVE);
     (times > MUCH).then(|| {
         format!(
-            "the error that is left is {} that of a perfect model: more acts than what is named, or the forms \
-             of the effects are others, and their parameters take some of it",
+            "the remaining error is {} that of a perfect model: more acts than is named, or the effects have other forms, and \
+             their parameters absorb some of it",
             if times < 100.0 { format!("{times:.1} times") } else { "a hundred times and more".to_owned() }
         )
     })
@@ -334,9 +334,9 @@ fn incomplete(noise: f64, error: f64) -> Option<String> {
 fn overstated(noise: f64, error: f64, unit: &str) -> Option<String> {
     (error < BELOW * noise).then(|| {
         format!(
-            "what is taken for noise ({} {unit}) is more than the error ({} {unit}): readings change too quickly \
-             from sample to sample to tell it, and shares of the gap are too large; some hundred samples at rest \
-             or in slow free motion would tell",
+            "the estimated noise ({} {unit}) is larger than the error ({} {unit}): readings change too quickly from sample to \
+             sample to tell noise from signal, and shares of the gap come out too large; some hundred samples at rest or in slow \
+             free motion would tell",
             number(noise),
             number(error)
         )

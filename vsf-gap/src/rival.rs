@@ -67,7 +67,7 @@ impl Rival {
         };
         let gains = format!(
             "a contact threshold of {own} instead of {searched} raises the log evidence of the train sequences by {:.0} \
-             nats {without}; {} at {searched} by {:.0}",
+             nats {without}, {} at {searched} by {:.0}",
             self.gain,
             self.effects.join(" and "),
             self.of_effects,

@@ -18,9 +18,9 @@ pub enum JointKind {
 /// Limits of a joint as stated by the robot's maker. They are for information: the model enforces none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
-    /// Lower position limit (rad or m); minus infinity where none is stated.
+    /// Lower position limit (rad or m); minus infinity where neither is stated, 0 where only the upper one is.
     pub lower: f64,
-    /// Upper position limit (rad or m); infinity where none is stated.
+    /// Upper position limit (rad or m); infinity where neither is stated, 0 where only the lower one is.
     pub upper: f64,
     /// Largest torque or force (N m or N); infinity where none is stated.
     pub effort: f64,

@@ -671,6 +671,30 @@ fn outputs_that_cannot_be_written() {
     assert_eq!(fs::read(bench.root.join("kept.npz")).unwrap(), b"mine");
 }
 
+/// Without a reader, it would be waited for for ever; with one, it gets all.
+#[cfg(target_os = "linux")]
+#[test]
+fn outputs_to_pipes() {
+    let bench = Bench::touched();
+    let pipe = bench.root.join("pipe.npz");
+    let made = Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.unwrap().success());
+    let estimate = "estimate touch --prior-sd 40 --noise-sd 0.01";
+    let to_pipe = format!("{estimate} --out pipe.npz");
+    bench.fails(&to_pipe, 3, &["pipe.npz", "nothing reads"]);
+    bench.ok(&format!("{estimate} --out file.npz"));
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || fs::read(pipe).unwrap()
+    });
+    // Until the reader has come.
+    while !bench.run(&to_pipe).status.success() {}
+    assert!(reader.join().unwrap() == fs::read(bench.root.join("file.npz")).unwrap());
+    // Standard output that is a pipe has no path of its own.
+    let told = bench.ok("info touch --json=/dev/stdout -q");
+    assert!(told.contains("\"made_by\""), "{told}");
+}
+
 /// What is there but cannot be read is not said to be something else.
 #[cfg(unix)]
 #[test]

@@ -692,6 +692,12 @@ fn other_objects_form_the_prior() {
             "{regressor}: {seen} N m, {blind} N m by touch"
         );
     }
+    // Of the objects that it was learned from.
+    for (of, told) in [("orange_tree_no", false), ("orange_tree", true)] {
+        let line = format!("estimate {data}/{of} --vision looks.json --out told.npz");
+        let warning = bench.warned(&line);
+        assert_eq!(warning.contains("of this name"), told, "{of}: {warning}");
+    }
     // The file is an input.
     let line = format!("estimate {data}/orange_tree_no --vision looks.json --json=./looks.json");
     bench.fails(&line, 2, &["--json", "looks.json"]);

@@ -133,12 +133,21 @@ fn termination_is_an_interruption() {
 /// Were it waited for, this would not end.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_pipe_that_nobody_reads_is_not_waited_for() {
+fn a_pipe_whose_reader_sleeps_is_not_waited_for() {
     let bench = Bench::touched();
-    let made = Command::new("mkfifo").arg(bench.root.join("pipe")).status();
+    let pipe = bench.root.join("pipe.html");
+    let made = Command::new("mkfifo").arg(&pipe).status();
     assert!(made.unwrap().success());
-    let mut info = Command::new(env!("CARGO_BIN_EXE_vsf"));
-    info.args(["info", "touch", "--json=pipe"]);
-    info.current_dir(&bench.root);
-    assert_eq!(terminated(&mut info, Duration::from_secs(2)), Some(130));
+    let mut reader = Command::new("sh");
+    let mut reader = (reader.args(["-c", "exec sleep 60 < pipe.html"]))
+        .current_dir(&bench.root)
+        .spawn()
+        .unwrap();
+    sleep(Duration::from_secs(1));
+    let mut view = Command::new(env!("CARGO_BIN_EXE_vsf"));
+    view.args(["view", "touch", "--field", "truth", "--out", "pipe.html"]);
+    view.current_dir(&bench.root);
+    assert_eq!(terminated(&mut view, Duration::from_secs(2)), Some(130));
+    reader.kill().unwrap();
+    reader.wait().unwrap();
 }

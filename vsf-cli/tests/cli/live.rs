@@ -191,6 +191,12 @@ fn streams_without_samples_write_no_field() {
     bench.fails("live touch --play --udp 127.0.0.1:0", 2, &["--udp"]);
     bench.fails("live touch --out f.npz --idle 3", 2, &["--udp"]);
     bench.fails("live touch --out f.npz --sequences a", 2, &["--play"]);
+    bench.fails(
+        "live touch --wait --out f.npz --sequences a",
+        2,
+        &["--play"],
+    );
+    bench.fails("live touch --wait --out f.npz --idle 3", 2, &["--udp"]);
     bench.fails("live touch --out f.png", 2, &["--out f.png: pictures"]);
     bench.fails("live touch", 2, &["--out"]);
     bench.fails(

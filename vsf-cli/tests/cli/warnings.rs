@@ -483,7 +483,7 @@ fn joint_states_of_another_order() {
     let elsewhere = of(&|[q, ..]| q[1] += std::f64::consts::FRAC_PI_2);
     says_once(
         &elsewhere,
-        "explain 0 % of the squares that its actuators read",
+        "explain only 0 % of the squared readings of its actuators",
     );
 }
 

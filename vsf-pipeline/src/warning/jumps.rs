@@ -1,4 +1,5 @@
 use super::{PipelineWarning, unit};
+use std::ops::Range;
 use vsf_core::median;
 use vsf_data::Sequence;
 use vsf_robots::{Joint, RobotModel};
@@ -43,10 +44,12 @@ pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pip
     })
 }
 
-/// A change of position that is so many times as fast as all of so many before and after it, but for the next ones, is a leap.
+/// A change of position that is so many times as fast as all of so many before and after it, but for the next ones, is a leap;
+/// unless these move by less than a share of it altogether, as where an arm rests in one pose and then in another.
 const MOST_TIMES: f64 = 8.0;
 const BESIDE: usize = 10;
 const FEWEST_BESIDE: usize = 5;
+const LEAST_MOVED: f64 = 0.1;
 
 /// Positions that change, from one row to the next, far more than beside it: rows that are missing, exchanged or repeated.
 pub fn leaps<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
@@ -61,8 +64,10 @@ pub fn leaps<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<Pipel
                     let after = row + 2..touch.end.min(row + 2 + BESIDE);
                     let is_amid = before.len().min(after.len()) >= FEWEST_BESIDE;
                     let beside = || before.clone().chain(after.clone());
+                    let moves = |rows: Range<usize>| rows.map(way).sum::<f64>();
                     is_amid
                         && way(*row) > LEAST_JUMP
+                        && moves(before.clone()).max(moves(after.clone())) > LEAST_MOVED * way(*row)
                         && beside().all(|other| {
                             speed(*row) > MOST_TIMES * speed(other)
                                 && way(*row) > MOST_TIMES * way(other)

@@ -46,7 +46,7 @@ impl fmt::Display for Outliers {
 pub enum PipelineWarning {
     /// A sequence or trace whose parts do not match each other or the robot. Everything that uses it will
     /// refuse it, and the others were not checked.
-    #[error("sequence {sequence} cannot be worked with, and none was looked at: {problem}")]
+    #[error("sequence {sequence} cannot be used, and no sequence was checked: {problem}")]
     Malformed {
         /// The sequence.
         sequence: String,
@@ -104,9 +104,9 @@ pub enum PipelineWarning {
     },
     /// A velocity of more than three times the joint's limit, where positions do not change as fast.
     #[error(
-        "joint {joint} has a velocity of {value:?} {unit}/s in sequence {sequence} row {row}, more than three times the robot's \
-         limit of {limit:?} {unit}/s, though positions do not change so fast; it looks like a fault of the recording: leave \
-         out that row, or all velocities: they are then estimated{}",
+        "joint {joint} has a velocity of {value:?} {unit}/s in sequence {sequence} row {row}, more than three times the \
+         robot's limit of {limit:?} {unit}/s, though its positions do not change that fast; it looks like a fault of the \
+         recording: leave out that row, or all velocities, which are then estimated{}",
         more(*others, "joint")
     )]
     TooFast {
@@ -174,7 +174,7 @@ pub enum PipelineWarning {
     /// Time steps within a touch of more than ten times the usual one and more than 0.1 s.
     #[error(
         "sequence {sequence} row {row} comes {seconds:.3} s after the row before, others {usual:.3} s: samples are \
-         missing, and what slipped meanwhile is unknown; if a touch ends there, begin the next one there \
+         missing, and what contact did in between is unknown; if a touch ends there, let the next one begin at that row \
          (touch_starts){}",
         more(*others, "sequence")
     )]
@@ -250,7 +250,7 @@ pub enum PipelineWarning {
     },
     /// Positions that stay constant while velocities say that the joint moves.
     #[error(
-        "joint {joint} stands still in angles while its velocities say that it moves; its encoder looks stuck{}",
+        "the angles of joint {joint} stand still while its velocities say that it moves; its encoder looks stuck{}",
         more(*others, "joint")
     )]
     StillPositions {
@@ -261,8 +261,8 @@ pub enum PipelineWarning {
     },
     /// Readings in contact that are opposite to those of springs, whatever their stiffness.
     #[error(
-        "torques in contact are opposite to those of springs (correlation {correlation:.2} with one stiffness \
-         everywhere): they look as if of the robot on the object; check their sign"
+        "torques in contact are opposite to those of springs (correlation {correlation:.2} with a uniform stiffness): \
+         they look like loads of the robot on the object; check their sign"
     )]
     OppositeTorques {
         /// Correlation with the torques of 1 N/m at every point, -1 to 1.
@@ -271,8 +271,8 @@ pub enum PipelineWarning {
     /// A sequence whose torques in contact, at equal depth of touch, are over 100 times those of the median
     /// sequence, or less than a hundredth of them.
     #[error(
-        "sequence {sequence}: torques in contact are {} times those of sequence {than} at like depth; check \
-         their unit{}", times(*factor), more(*others, "sequence")
+        "sequence {sequence}: torques in contact are {} times those of sequence {than} at similar depth; check their \
+         unit{}", times(*factor), more(*others, "sequence")
     )]
     ScaledTorques {
         /// The first such sequence.
@@ -288,9 +288,9 @@ pub enum PipelineWarning {
     /// Readings that come late: touches give back more work than was put into them, and fit better with
     /// readings from some time later.
     #[error(
-        "torques come later than the touches do: with {}{seconds:.2} s{} taken off, springs leave {:.0} % of what they leave now; \
-         check the clocks of joints and torques, or diagnose a latency, which is less where the contact threshold has \
-         touches begin before there is a force",
+        "torques lag behind the touches: with a delay of {}{seconds:.2} s{} removed, springs leave {:.0} % of the squared \
+         error that they leave now; check the clocks of joints and torques, or diagnose a latency (which may come out \
+         shorter, since the contact threshold lets touches begin before there is a force)",
         if *is_more { "" } else { "some " }, if *is_more { " or more" } else { "" }, 100.0 * left
     )]
     Late {
@@ -304,8 +304,8 @@ pub enum PipelineWarning {
     },
     /// Torques of a joint whose scale in contact differs from that of the other joints.
     #[error(
-        "in contact the torques of {joint} are some {factor:.2} times what springs at the points ask for that the other joints \
-         feel, by {gain:.0} nats; check the unit, gear ratio and torque constant of that joint"
+        "in contact the torques of {joint} are some {factor:.2} times what springs that explain the other joints ask for \
+         (log likelihood higher by {gain:.0}); check the unit, gear ratio and torque constant of that joint"
     )]
     ScaledJoint {
         /// The joint.
@@ -452,7 +452,7 @@ pub enum PipelineWarning {
     /// motion of the arm.
     #[error(
         "where nothing is touched weight and motion of the arm explain the readings far better with the columns of {of} \
-         {order} ({percent:.0} % of the squares that are left would be left); check which column is which joint's, as in \
+         {order} ({percent:.0} % of the squared difference would be left); check which column is which joint's, as in \
          joint states that are sorted by name",
         percent = 100.0 * left
     )]
@@ -466,8 +466,9 @@ pub enum PipelineWarning {
     },
     /// Actuator readings that are not those of this arm.
     #[error(
-        "where nothing is touched weight and motion of the arm explain {percent:.0} % of the squares that its actuators read; check \
-         that it is this robot, its masses, the zero of its joints, base_pose and gravity, or whether the torques are external",
+        "where nothing is touched weight and motion of the arm explain only {percent:.0} % of the squared readings of its \
+         actuators; check that it is this robot, its masses, the zero of its joints, base_pose and gravity, and whether \
+         the torques are external",
         percent = 100.0 * explained
     )]
     UnexplainedArm {
@@ -476,8 +477,9 @@ pub enum PipelineWarning {
     },
     /// Sequences that touch no point, though their readings look like those of touches.
     #[error(
-        "sequence {sequence} touches no point, but its readings change by {change:.3} {unit}, those of touches by {touch:.3}{}: the \
-         points may not cover what was touched, or base_pose be another; or weight or friction of the arm is in the readings",
+        "sequence {sequence} touches no point, but its readings change by {change:.3} {unit}, where those of touches \
+         change by {touch:.3}{}: the points may not cover what was touched, base_pose may be wrong, or weight or friction \
+         of the arm is in the readings",
         more(*others, "sequence")
     )]
     NothingTouched {
@@ -494,9 +496,9 @@ pub enum PipelineWarning {
     },
     /// Parts of touches that are felt where no points are.
     #[error(
-        "samples in which no point is touched hold {:.0} % of what touches change the squared readings by, {:.0} % in sequence {sequence}: \
-         the points may not cover what was touched, base_pose or the zeros of joints be others, readings be late or of other samples; \
-         or weight or friction of the arm is in them",
+        "{:.0} % of what touches add to the squared readings is in samples that touch no point, {:.0} % in sequence \
+         {sequence}: the points may not cover what was touched, base_pose or the zeros of joints may be wrong, readings \
+         may be late or belong to other samples, or weight or friction of the arm is in them",
         100.0 * share, 100.0 * of_sequence
     )]
     FeltOutside {
@@ -510,10 +512,10 @@ pub enum PipelineWarning {
     },
     /// Readings that are far from zero where nothing is touched.
     #[error(
-        "where nothing is touched the readings are {offset:.3} {unit} on average (most of all those of joint {joint}, \
-         {mean:.3}), against {touch:.3} {unit} (rms) that touch adds, and a field takes them \
-         for stiffness: they may be an offset of the sensor, which first samples that are free and at rest tare (tare_samples), or a \
-         payload, a tilt or friction, which a diagnosis tells apart"
+        "where nothing is touched the readings average {offset:.3} {unit} (joint {joint} most, {mean:.3}), beside \
+         {touch:.3} {unit} (rms) that touch adds, and a field takes this offset for stiffness. An offset of the sensor is \
+         removed by first samples that are free and at rest (tare_samples); whether it is a payload, a tilt or friction, \
+         a diagnosis tells"
     )]
     NotTared {
         /// Name of the joint with the largest mean.
@@ -529,9 +531,9 @@ pub enum PipelineWarning {
     },
     /// Readings that persist where nothing is touched and change their sign, as those of friction do.
     #[error(
-        "where nothing is touched the readings are {size:.3} {unit} (rms, most of all those of joint {joint}), in contact {touch:.3}: \
-         friction of the joints, drift or a payload is in them, and an estimate takes it for stiffness; a diagnosis tells which, and \
-         corrects it"
+        "where nothing is touched the readings are {size:.3} {unit} (rms, joint {joint} most), in contact {touch:.3}: \
+         friction of the joints, drift or a payload is in them, and an estimate takes it for stiffness; a diagnosis tells \
+         which it is, and corrects it"
     )]
     FeltInAir {
         /// Name of the joint where these readings are largest.
@@ -545,9 +547,8 @@ pub enum PipelineWarning {
     },
     /// Samples that come a second or more apart, while nothing moves at the speed of a touch.
     #[error(
-        "sequence {sequence}: samples come {step:.3} s apart, and joints move at {fastest:.1e} rad/s (or m/s) at most, \
-         averaged along the way; \
-         time stamps must be in seconds; unless the arm is that slow, these are {}{}", clock::unit(*step), more(*others, "sequence")
+        "sequence {sequence}: samples come {step:.3} s apart, and no joint moves faster than {fastest:.1e} rad/s (or m/s) \
+         on average; time stamps must be in seconds; unless the arm is that slow, these are {}{}", clock::unit(*step), more(*others, "sequence")
     )]
     SlowClock {
         /// The first such sequence.
@@ -561,8 +562,8 @@ pub enum PipelineWarning {
     },
     /// Joints that move at more than three times their velocity limit all the way of a sequence.
     #[error(
-        "sequence {sequence}: joint {joint} moves at {speed:.3e} {unit}/s on average, its limit is {limit:?}; time stamps must be in \
-         seconds, and go on too slowly here{}", more(*others, "sequence")
+        "sequence {sequence}: joint {joint} moves at {speed:.3e} {unit}/s on average, its limit is {limit:?}; time stamps \
+         must be in seconds, and these are too close together{}", more(*others, "sequence")
     )]
     FastClock {
         /// The first such sequence.
@@ -580,8 +581,8 @@ pub enum PipelineWarning {
     },
     /// Samples in which all joints read exactly zero, between samples with large readings.
     #[error(
-        "sequence {sequence} row {row}: all joints read exactly 0 between rows in which they do not, as where readings were lost{}; \
-         an estimate takes them for free air: leave these samples out", more(*others, "sample")
+        "sequence {sequence} row {row}: all joints read exactly 0 between rows in which they do not, as if readings were \
+         lost{}; an estimate takes them for free air: leave these samples out", more(*others, "sample")
     )]
     LostReadings {
         /// ID of the first such sequence.
@@ -593,8 +594,9 @@ pub enum PipelineWarning {
     },
     /// Samples that repeat the one before to the last digit while the arm moves.
     #[error(
-        "sequence {sequence}: {count} of {rows} samples repeat the one before to the last digit, positions and readings, as where a log is \
-         quicker than what it records{}; each counts as a new one, so that standard deviations are too small: keep one of each",
+        "sequence {sequence}: {count} of {rows} samples repeat the one before exactly, positions and readings, as when a \
+         log is written faster than its source delivers{}; each counts as new evidence, which makes standard deviations \
+         too small: keep one of each",
         more(*others, "sequence")
     )]
     RepeatedSamples {
@@ -610,8 +612,8 @@ pub enum PipelineWarning {
     /// A joint whose readings stay at one value during part of a sequence, not at the end of their range,
     /// while touch should change them.
     #[error(
-        "joint {joint} reads {value:?} {unit} in {count} samples on end of sequence {sequence}, from row {row} on, while \
-         the touch changes; its sensor looks frozen{}", more(*others, "joint")
+        "joint {joint} reads {value:?} {unit} in {count} successive samples of sequence {sequence}, from row {row} on, \
+         while the touch changes; its sensor looks frozen{}", more(*others, "joint")
     )]
     FrozenReadings {
         /// Name of the first such joint.
@@ -649,8 +651,8 @@ pub enum PipelineWarning {
     },
     /// A joint that reads zero in all sequences, while touch should change it and other joints do change.
     #[error(
-        "joint {joint} reads 0 in all samples while the touch changes, as if it were not measured; what springs give \
-         there counts as an error of the field: give the joint a large noise sd"
+        "joint {joint} reads 0 in all samples while the touch changes, as if it were not measured; the field is fitted to \
+         these zeros all the same: give the joint a large noise sd"
     )]
     ZeroReadings {
         /// Name of the joint.
@@ -727,9 +729,9 @@ pub enum PipelineWarning {
     /// Rest points in pairs or clusters. The spacing that contact uses may then be the one within a
     /// cluster.
     #[error(
-        "the rest points come in clusters: the eighth nearest to a point is {times:.0} times as far away as the nearest, as \
-         where scans of one object are put together; the stiffness of a place is shared out between its points, and the \
-         contact threshold follows their spacing, {spacing:.2e} m: keep one point of each cluster"
+        "the rest points come in clusters: the eighth nearest point is {times:.0} times as far away as the nearest, as \
+         where several scans of one object are merged; the points of a cluster share the stiffness of their place, and \
+         the contact threshold follows the spacing within clusters, {spacing:.2e} m: keep one point of each cluster"
     )]
     ClusteredPoints {
         /// Median distance to the nearest point at another place (m).
@@ -740,8 +742,8 @@ pub enum PipelineWarning {
     /// Words of a URDF that are not understood. If they are misspelled, a pose, a shape or a mass is
     /// missing.
     #[error(
-        "robot {robot:?}: its URDF has {first}, which is not understood and has no effect: misspelled, it is missing \
-         from the robot{}", more(*others, "place")
+        "robot {robot:?}: its URDF has {first}, which is not understood and ignored; if that is a misspelled element, the \
+         robot lacks it{}", more(*others, "place")
     )]
     UnreadUrdf {
         /// Name of the robot.
@@ -763,7 +765,7 @@ pub enum PipelineWarning {
     /// Links with a physically impossible inertia, of an arm whose rigid-body torques are removed from the
     /// readings.
     #[error(
-        "links with an <inertia> that no body has, one principal moment more than the other two together: {links}; \
+        "links with an <inertia> that no body can have (one principal moment exceeds the sum of the other two): {links}; \
          torque_kind measured needs them in fast motion, check the URDF"
     )]
     ImpossibleInertia {
@@ -806,9 +808,9 @@ pub enum PipelineWarning {
     /// others. Only sequences with at least a tenth of the mean squared readings per sequence are
     /// considered.
     #[error(
-        "the field explains {} of the squared readings of sequence {sequence}, from which it has learned, and more of others: \
-         its torques may be those of another sequence or clock than its angles, the object may have moved, or the readings hold what \
-         no stiffness explains (an offset, a payload, friction){}",
+        "the field explains {} of the squared readings of sequence {sequence}, from which it has learned, and more of \
+         others: the torques may belong to another sequence or clock than the angles, the object may have moved, or the \
+         readings hold what no stiffness explains (an offset, a payload, friction){}",
         percent(*share), more(*others, "sequence")
     )]
     ExplainsNothingOf {
@@ -821,8 +823,8 @@ pub enum PipelineWarning {
     },
     /// Tare samples in contact.
     #[error(
-        "sequence {sequence}: {count} of its {tare_samples} tare samples are in contact, the first in \
-         row {row}; what they feel is taken off the whole sequence{}", more(*others, "sequence")
+        "sequence {sequence}: {count} of its {tare_samples} tare samples are in contact, the first in row {row}; what \
+         they feel is subtracted from the whole sequence{}", more(*others, "sequence")
     )]
     TareInContact {
         /// The first such sequence.

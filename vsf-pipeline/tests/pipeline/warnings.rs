@@ -4,9 +4,9 @@ use nalgebra::Point3;
 use vsf_core::{Belief, FilterHealth, UpdateReport};
 use vsf_data::{Dataset, RobotRef, Sequence, Table, TorqueKind};
 use vsf_pipeline::{
-    PipelineWarning, Scene, SceneOptions, add_noise, field_warnings, fit_warnings, health_warnings,
-    motion_warnings, reading_warnings, robot_of, saturated_joints, scene_warnings, simulate,
-    touch_warnings,
+    Approach, PipelineWarning, Scene, SceneOptions, add_noise, field_warnings, fit_warnings,
+    health_warnings, motion_warnings, reading_warnings, robot_of, saturated_joints, scene_warnings,
+    simulate, touch_warnings,
 };
 
 const ROWS: usize = 61;
@@ -394,6 +394,78 @@ fn sensors_that_are_saturated_beneath_noise() {
     // An object that yields does the same whenever it is touched alike.
     assert_eq!(told(0.4, 10 * ROWS, &[1.0]), []);
     assert_eq!(told(0.4, 10 * ROWS, &[1.0, 1.0]), []);
+}
+
+/// Rows that are exchanged, of all joints or of one, and an encoder that stops for a while.
+#[test]
+fn positions_that_leap_or_freeze() {
+    let scene = scene(TorqueKind::External, 0);
+    let right = Sequence {
+        torques: Table::new(3, vec![0.0; 30 * ROWS]).unwrap(),
+        ..swing_of(10 * ROWS)
+    };
+    let found = |change: &dyn Fn(&mut [f64]), velocities: bool| {
+        let mut changed = right.clone();
+        change(changed.angles.data_mut());
+        if !velocities {
+            changed.velocities = None;
+        }
+        motion_warnings(scene.robot(), &[&changed])
+    };
+    assert_eq!(found(&|_| (), true), []);
+    let exchanged = |q: &mut [f64]| {
+        let (a, b) = (3 * 150, 3 * 180);
+        (0..3).for_each(|j| q.swap(a + j, b + j));
+    };
+    for velocities in [true, false] {
+        let warnings = found(&exchanged, velocities);
+        let leap = |w: &PipelineWarning| matches!(w, PipelineWarning::Leaps { row: 150, .. });
+        assert!(warnings.iter().any(leap), "{warnings:?}");
+    }
+    let frozen = |q: &mut [f64]| {
+        let value = q[3 * 150];
+        (150..190).for_each(|row| q[3 * row] = value);
+    };
+    let warnings = found(&frozen, true);
+    let told = |w: &PipelineWarning| match w {
+        PipelineWarning::FrozenPositions {
+            joint,
+            row: 150,
+            count: 40,
+            way,
+            ..
+        } => joint == "joint_1" && *way > 0.02,
+        _ => false,
+    };
+    assert!(warnings.iter().any(told), "{warnings:?}");
+}
+
+/// Where the arm passes far from the points, the error says how far.
+#[test]
+fn val_nearest_approach() {
+    let robot = RobotRef::resolve("cartesian_stage", ".".as_ref()).unwrap();
+    let table = |rows: &[[f64; 3]]| Table::new(3, rows.concat()).unwrap();
+    let (near, far) = ([0.0, 0.0, 0.05], [0.3, 0.0, 0.2]);
+    let passes = Sequence::new(
+        "7",
+        vec![0.0, 0.1, 0.2],
+        table(&[far, near, far]),
+        table(&[[0.0; 3]; 3]),
+    );
+    let dataset = Dataset {
+        rest_points: Some(vec![Point3::origin(), Point3::new(-1.0, 0.0, 0.0)]),
+        ..Dataset::new(robot, vec![passes.clone()])
+    };
+    let scene = Scene::open(&dataset, &SceneOptions::default()).unwrap();
+    let nearest = Approach::nearest(&scene, &[&passes]).unwrap().unwrap();
+    // The lowest point of its ball is where the axes are.
+    assert!((nearest.distance - 0.05).abs() < 1e-9, "{nearest}");
+    assert_eq!((nearest.sequence.as_str(), nearest.row), ("7", 1));
+    assert!(
+        nearest.to_string().contains("0.050 m, in sequence 7 row 1"),
+        "{nearest}"
+    );
+    assert_eq!(Approach::nearest(&scene, &[]).unwrap(), None);
 }
 
 /// Readings that come late stay at their largest while the arm withdraws, and are felt where nothing is touched.

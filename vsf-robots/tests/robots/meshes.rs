@@ -185,6 +185,11 @@ fn broken_meshes_are_named() {
         let is_mesh = matches!(&error, RobotError::Mesh { path, .. } if path.ends_with(name));
         assert!(is_mesh, "{name}: {error}");
     }
+    for name in ["pointer.stl", "pointer.obj"] {
+        let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n";
+        let error = mesh(&file(name, pointer), "").unwrap_err().to_string();
+        assert!(error.contains("git lfs pull"), "{error}");
+    }
     let path = file("unscalable.stl", &whole);
     for scale in ["0 1 1", "nan 1 1", "1e300 1e300 inf"] {
         assert!(
