@@ -292,7 +292,7 @@ mod tests {
             beside: vec!["payload".to_owned()],
             ..of(588.0, 1390.0, 25.0)
         };
-        assert!(beside.told().contains("by 588 nats beside payload; "));
+        assert!(beside.told().contains("by 588 nats beside payload, "));
     }
 
     /// What the search did not pass by is fitted, and comes to the same, but for the roughness that it starts from.

@@ -106,7 +106,7 @@ fn from_where_on_points_are_touched_is_no_cause() {
     assert!(found.gap.threshold == Some(suited) && found.gap.threshold_nominal == Some(suited));
     let told = &found.notes[0];
     assert!(
-        told.contains("without any effect; contact_friction") && told.contains("3.200 mm"),
+        told.contains("without any effect, contact_friction") && told.contains("3.200 mm"),
         "{told}"
     );
     assert_eq!(found.verdict.or_threshold, own.verdict.effects);
@@ -131,7 +131,7 @@ fn an_onset_that_a_padding_finds_is_no_cause() {
     let [own, chosen] = [&campaign, &outcome.campaign].map(|c| c.scene().contact().threshold);
     assert!(own < chosen, "{own} {chosen}");
     assert_eq!(found.gap.threshold, Some(chosen));
-    let told = |n: &String| n.contains("without any effect; contact_friction");
+    let told = |n: &String| n.contains("without any effect, contact_friction");
     assert!(found.notes.iter().any(told), "{:?}", found.notes);
     let set = &found.verdict.effect_set_95;
     assert!(set.iter().any(|e| e == "contact_friction"), "{set:?}");
@@ -164,7 +164,7 @@ fn an_onset_is_compared_beside_other_causes() {
         .find(|n| n.contains("3.200 mm instead of 2.000"));
     let (of_threshold, of_padding) = told
         .unwrap()
-        .split_once("nats beside joint_coulomb_friction;")
+        .split_once("nats beside joint_coulomb_friction,")
         .unwrap();
     let nats = |text: &str| -> f64 {
         let mut words = text.split([' ', '.']).skip_while(|w| *w != "by").skip(1);
@@ -202,7 +202,7 @@ fn springs_that_pull_are_unknown() {
         diagnose(&campaign, &few[..1], 0, |_| {}).unwrap().diagnosis;
     assert_eq!(verdict.kind, VerdictKind::Unknown, "{verdict:?}");
     assert_eq!(verdict.effects, ["torque_bias"]);
-    let told = |n: &String| n.contains("torque_bias leaves to the springs is opposite");
+    let told = |n: &String| n.contains("remains with torque_bias is opposite");
     assert!(notes.iter().any(told), "{notes:?}");
 }
 

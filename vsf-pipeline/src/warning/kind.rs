@@ -512,7 +512,7 @@ pub enum PipelineWarning {
     },
     /// Readings that are far from zero where nothing is touched.
     #[error(
-        "where nothing is touched the readings average {offset:.3} {unit} (joint {joint} most, {mean:.3}), beside \
+        "where nothing is touched the readings average {offset:.3} {unit} (largest at joint {joint}, {mean:.3}), beside \
          {touch:.3} {unit} (rms) that touch adds, and a field takes this offset for stiffness. An offset of the sensor is \
          removed by first samples that are free and at rest (tare_samples); whether it is a payload, a tilt or friction, \
          a diagnosis tells"
@@ -531,7 +531,7 @@ pub enum PipelineWarning {
     },
     /// Readings that persist where nothing is touched and change their sign, as those of friction do.
     #[error(
-        "where nothing is touched the readings are {size:.3} {unit} (rms, joint {joint} most), in contact {touch:.3}: \
+        "where nothing is touched the readings are {size:.3} {unit} (rms, largest at joint {joint}), in contact {touch:.3}: \
          friction of the joints, drift or a payload is in them, and an estimate takes it for stiffness; a diagnosis tells \
          which it is, and corrects it"
     )]
