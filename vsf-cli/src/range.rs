@@ -84,6 +84,11 @@ pub fn count(text: &str) -> Result<usize, String> {
     value.ok_or_else(|| "must be a whole number >= 1".to_owned())
 }
 
+/// A seed of random draws.
+pub fn seed(text: &str) -> Result<u64, String> {
+    whole(0..=u64::MAX)(text)
+}
+
 /// A whole number of a range.
 pub fn whole<T: FromStr + PartialOrd + Display>(
     range: RangeInclusive<T>,

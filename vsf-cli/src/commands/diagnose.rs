@@ -2,7 +2,7 @@ use crate::console::{Console, MADE_BY, texts};
 use crate::diagnosis::{page, plain, text};
 use crate::exit::usage;
 use crate::file_kind::FileKind;
-use crate::range::ending;
+use crate::range::{ending, seed};
 use crate::recording::RecordingArgs;
 use anyhow::Context;
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -93,7 +93,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_parser = ending("json"))]
     model: Option<PathBuf>,
     /// Seed of the bootstrap of the intervals
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     #[command(flatten)]
     recording: RecordingArgs,

@@ -2,7 +2,7 @@ use crate::console::{Console, number, sequence_table, table};
 use crate::corrected::Modeled;
 use crate::exit::usage;
 use crate::field_file::FieldFile;
-use crate::range::{count, whole};
+use crate::range::{count, seed, whole};
 use crate::recording::{FieldArgs, Recording, SplitPart};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -52,7 +52,7 @@ pub struct Args {
           value_parser = whole(1_usize..=4096))]
     hidden: Option<Vec<usize>>,
     /// Seed of the mlp baseline
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     /// Maximum number of train samples of the gp baseline, evenly spread
     #[arg(long, default_value_t = 1500, value_parser = whole(2..=GpConfig::MOST_SAMPLES))]

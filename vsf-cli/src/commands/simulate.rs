@@ -1,6 +1,6 @@
 use crate::console::{Console, number, plural};
 use crate::derived::{SIMULATED, derived, save};
-use crate::range::scatter;
+use crate::range::{scatter, seed};
 use crate::recording::{FieldArgs, SplitPart, untouched};
 use serde::Serialize;
 use std::borrow::Cow;
@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, default_value_t = 0.0, value_parser = scatter)]
     noise_sd: f64,
     /// Seed of the noise; the same seed gives the same readings
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     #[command(flatten)]
     of: FieldArgs,

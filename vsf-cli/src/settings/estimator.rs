@@ -1,7 +1,7 @@
 use super::name_of;
 use super::vision::{Vision, VisionKind, vision};
 use crate::exit::usage;
-use crate::range::{deviation, positive, replays, share};
+use crate::range::{deviation, positive, replays, seed, share};
 use clap::{Args, ValueEnum};
 use std::path::Path;
 use vsf::filter::{DualConfig, Projection, ReplayConfig, ReplayVariance, RobustLoss};
@@ -33,7 +33,7 @@ pub struct EstimatorSettings {
     #[arg(long, num_args = 0..=1, default_missing_value = "true")]
     clear_replay: Option<bool>,
     /// Seed for drawing replays; default: 0
-    #[arg(long)]
+    #[arg(long, value_parser = seed)]
     seed: Option<u64>,
     /// Prior standard deviation of every point's own stiffness [N/m]; default: chosen from the sequences. If only
     /// this is given, the noise keeps its chosen ratio to it

@@ -1,5 +1,5 @@
 use crate::exit::usage;
-use crate::range::{finite, positive};
+use crate::range::{finite, positive, whole};
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -28,7 +28,7 @@ pub struct MetadataSettings {
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_parser = finite)]
     gravity: Option<Vec<f64>>,
     /// Number of contact-free samples at the start of each sequence, used to tare the sensor
-    #[arg(long)]
+    #[arg(long, value_parser = whole(0..=usize::MAX))]
     tare_samples: Option<usize>,
     /// Joint names of the columns, in order
     #[arg(long, value_delimiter = ',')]

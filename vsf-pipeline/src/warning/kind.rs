@@ -35,7 +35,8 @@ impl fmt::Display for Outliers {
         write!(
             f,
             "joint {joint}: {count} of {total} samples, the first in sequence {sequence} row {row} \
-             with {value:?}"
+             with {}",
+            short(*value)
         )
     }
 }
@@ -79,10 +80,11 @@ pub enum PipelineWarning {
     },
     /// Positions that change, within a touch, at more than three times the joint's velocity limit.
     #[error(
-        "joint {joint} goes from {from:?} to {to:?} {unit} in one sample, sequence {sequence} row {row}, more than three \
+        "joint {joint} goes from {from} to {to} {unit} in one sample, sequence {sequence} row {row}, more than three \
          times as fast as the robot's limit of {limit:?} {unit}/s{}; check units, time stamps, missing samples and \
          angles that wrap around",
-        more(*others, "joint")
+        more(*others, "joint"),
+        from = short(*from), to = short(*to)
     )]
     Jumps {
         /// Name of the first such joint.
@@ -104,10 +106,11 @@ pub enum PipelineWarning {
     },
     /// A velocity of more than three times the joint's limit, where positions do not change as fast.
     #[error(
-        "joint {joint} has a velocity of {value:?} {unit}/s in sequence {sequence} row {row}, more than three times the \
+        "joint {joint} has a velocity of {value} {unit}/s in sequence {sequence} row {row}, more than three times the \
          robot's limit of {limit:?} {unit}/s, though its positions do not change that fast; it looks like a fault of the \
          recording: leave out that row, or all velocities, which are then estimated{}",
-        more(*others, "joint")
+        more(*others, "joint"),
+        value = short(*value)
     )]
     TooFast {
         /// Name of the first such joint.
@@ -128,9 +131,10 @@ pub enum PipelineWarning {
     /// Positions that change, from one row of a touch to the next, more than eight times as fast as in any of the ten rows before
     /// and after.
     #[error(
-        "joint {joint} goes from {from:?} to {to:?} {unit} in one sample, sequence {sequence} row {row}, more than eight times \
+        "joint {joint} goes from {from} to {to} {unit} in one sample, sequence {sequence} row {row}, more than eight times \
          as far as in any sample beside it; check for rows that are missing, exchanged or of another time{}",
-        more(*others, "joint")
+        more(*others, "joint"),
+        from = short(*from), to = short(*to)
     )]
     Leaps {
         /// Name of the first such joint.
@@ -150,8 +154,9 @@ pub enum PipelineWarning {
     },
     /// Positions that stay at one value for a part of a sequence while their velocities go on.
     #[error(
-        "joint {joint} stays at {value:?} {unit} in {count} successive samples of sequence {sequence}, from row {row} on, while \
-         its velocities make it move by {way:.3} {unit}; its encoder looks frozen{}", more(*others, "joint")
+        "joint {joint} stays at {value} {unit} in {count} successive samples of sequence {sequence}, from row {row} on, while \
+         its velocities make it move by {way:.3} {unit}; its encoder looks frozen{}", more(*others, "joint"),
+        value = short(*value)
     )]
     FrozenPositions {
         /// Name of the first such joint.
@@ -612,8 +617,9 @@ pub enum PipelineWarning {
     /// A joint whose readings stay at one value during part of a sequence, not at the end of their range,
     /// while touch should change them.
     #[error(
-        "joint {joint} reads {value:?} {unit} in {count} successive samples of sequence {sequence}, from row {row} on, \
-         while the touch changes; its sensor looks frozen{}", more(*others, "joint")
+        "joint {joint} reads {value} {unit} in {count} successive samples of sequence {sequence}, from row {row} on, \
+         while the touch changes; its sensor looks frozen{}", more(*others, "joint"),
+        value = short(*value)
     )]
     FrozenReadings {
         /// Name of the first such joint.
@@ -634,8 +640,9 @@ pub enum PipelineWarning {
     /// A joint that reads the same nonzero value in a whole sequence, while touch should change it and
     /// other joints do change.
     #[error(
-        "joint {joint} reads {value:?} {unit} in all of sequence {sequence} while the touch changes; its sensor \
-         looks stuck{}", more(*others, "sequence")
+        "joint {joint} reads {value} {unit} in all of sequence {sequence} while the touch changes; its sensor \
+         looks stuck{}", more(*others, "sequence"),
+        value = short(*value)
     )]
     StuckReadings {
         /// Name of the joint.
@@ -661,10 +668,11 @@ pub enum PipelineWarning {
     /// An actuator that reads one value for a while, although the torque needed to hold and move the arm
     /// changes.
     #[error(
-        "joint {joint} reads {value:?} {unit} in {count} rows of sequence {sequence} from row {row} on, while what the arm \
+        "joint {joint} reads {value} {unit} in {count} rows of sequence {sequence} from row {row} on, while what the arm \
          alone asks of it changes by {change:.3} {unit}; its sensor looks dead or frozen{}{}",
         again_told(*again),
-        more(*others, "joint")
+        more(*others, "joint"),
+        value = short(*value)
     )]
     StillActuator {
         /// Name of the joint.
@@ -709,8 +717,9 @@ pub enum PipelineWarning {
     /// A joint whose readings stay at their largest or smallest value, sample after sample, while the touch
     /// changes.
     #[error(
-        "joint {joint}: {count} readings stay at {value:?} {unit} while the touch changes, the first in sequence \
-         {sequence} row {row}, and none is beyond; its sensor looks saturated: what is stiff there comes out too soft"
+        "joint {joint}: {count} readings stay at {value} {unit} while the touch changes, the first in sequence \
+         {sequence} row {row}, and none is beyond; its sensor looks saturated: what is stiff there comes out too soft",
+        value = short(*value)
     )]
     ClippedReadings {
         /// Name of the joint.
@@ -964,6 +973,12 @@ fn alike(angle: f64) -> &'static str {
     } else {
         "like degrees or like angles that wrap around"
     }
+}
+
+/// A number to six digits.
+fn short(number: f64) -> String {
+    let rounded: f64 = format!("{number:.5e}").parse().unwrap_or(number);
+    format!("{rounded:?}")
 }
 
 /// A factor, however large or small.

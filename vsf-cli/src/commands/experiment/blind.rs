@@ -1,7 +1,7 @@
 use crate::blind::{Case, Score, text};
 use crate::console::{Console, create_folder};
 use crate::derived::keep_made;
-use crate::range::whole;
+use crate::range::{seed, whole};
 use serde::Serialize;
 use std::path::PathBuf;
 use vsf::data::{Dataset, Overrides};
@@ -39,7 +39,7 @@ pub struct Args {
           value_parser = whole(1_usize..=10_000))]
     cases: usize,
     /// Seed of the cases
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     /// Folder in which to keep the recordings: new, empty, or with earlier cases; default: they are deleted
     #[arg(long, value_name = "FOLDER")]
