@@ -68,8 +68,8 @@ impl Default for DualConfig {
 ///
 /// # Memory
 /// When observations exceed [`DualConfig::byte_budget`], random ones are removed. Their multipliers stay as
-/// they are: the field keeps what they taught but is no longer tied to it. A new reading that does not fit
-/// into the buffer moves the field once. The optimum is reached only as long as nothing has been removed.
+/// they are: the field keeps what they taught but is no longer tied to it. A new reading that is not stored, because the
+/// buffer is full, updates the field once and is never replayed. The optimum is reached only as long as nothing has been removed.
 /// From then on the error levels off at about what the readings in memory allow.
 ///
 /// # Errors

@@ -95,7 +95,8 @@ pub struct ReplayConfig {
     ///
     /// When it is reached, new observations replace random old ones, so that the buffer stays a uniform
     /// sample of the history. One observation is always kept, however large. Memory is reused and never
-    /// shrinks: an observation counts with the size of the largest one that it replaced. An update
+    /// shrinks: a place in the buffer counts with the size of the largest observation that it
+    /// has held. An update
     /// allocates while the buffer fills, and later where an observation is larger than all that were in its
     /// place.
     pub byte_budget: usize,

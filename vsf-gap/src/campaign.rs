@@ -213,7 +213,7 @@ impl Campaign {
     /// ([`Scene::with_suited_threshold`]), for models that do not [follow the contact](Model::follows_contact).
     ///
     /// Effects are still looked for in the scene's own contact, for which the constants of the judgment were calibrated.
-    /// The exception is another threshold that explains as much as the effects do: then the threshold is taken for unknown.
+    /// If another threshold explains more than half as much as the effects, the search is repeated with that one.
     /// If surfaces are drawn in by more than the threshold that suits the points, fields keep the scene's contact.
     #[must_use]
     pub fn with_suited_fields(self) -> Self {
@@ -399,7 +399,7 @@ impl Campaign {
             Need::Joints => (site.joints() < 2, "the robot has one joint"),
             Need::Weight => (
                 site.gravity == Vector3::zeros() || (0..site.joints()).all(|j| slides(site, j)),
-                "no joint turns against gravity",
+                "no joint turns against gravity: weight is a constant load here, as torque_bias is",
             ),
             Need::Retouch => (
                 self.touched < Touched::Again,

@@ -187,9 +187,9 @@ impl Corrector {
     /// Tares: from now on, readings and model torques are relative to their means over the steps since the sequence began.
     /// For a recording with `tare_samples`, call it after that many steps.
     ///
-    /// Do not tare the input: [`JointState::torques`] stay as the sensors give them. If the sensors zero themselves, do
-    /// that before the sequence begins, take some steps while the robot stays as it is, and tare here as well. What is zero
-    /// already stays zero, and the model's torques follow.
+    /// Pass [`JointState::torques`] as the sensors give them, without subtracting a tare. If the sensors zero themselves, let
+    /// them do so before the sequence begins, take some steps at rest, and call this too, so that the model's torques are
+    /// tared as well.
     pub fn tare(&mut self) {
         self.readings.take();
         self.torques.take();

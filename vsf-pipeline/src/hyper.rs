@@ -204,8 +204,8 @@ const POWERS: [f64; 8] = [-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 6.0];
 ///
 /// `method` chooses the level of the noise, the sd of the prior and one of `shapes`; of equally good shapes
 /// it chooses the first. [`EstimatorSpec::shapes`](crate::EstimatorSpec::shapes) gives the shapes for an
-/// estimator. A choice that suits points that are alike makes estimators that keep no correlations
-/// overconfident about sums over points.
+/// estimator. Estimators that keep no correlations are overconfident about sums over points if
+/// they get a prior that was chosen for correlated points.
 ///
 /// # Errors
 /// No shape, traces that [`Trace::check`] refuses or that differ in their number of joints, train sequences
@@ -232,8 +232,8 @@ pub fn choose_hyper(
 /// `contacts` are the traces of the same samples with each model. For all models the same samples are held
 /// out, and the same estimator predicts them. Each model is compared with the prior chosen for it. Of the
 /// models whose error exceeds the best one by no more than one standard error of the difference, the first
-/// is chosen, so pass the preferred model first. If touches share few points with any of the models, parts
-/// of touches are held out for all. The returned prior and noise are those of the chosen model alone.
+/// is chosen, so pass the preferred model first. If, under any of the models, the touches have few points
+/// in common, parts of touches are held out for all. The returned prior and noise are those of the chosen model alone.
 ///
 /// # Errors
 /// As [`choose_hyper`]; also no contact model, or traces that do not have the same samples.

@@ -29,8 +29,8 @@ impl SceneContact {
     }
 
     /// What was moved in the last step, which gave `contacts`: these contacts themselves, or those of the
-    /// sub-points. Displacements of sub-points in and around a small tip cancel each other in the mean of a
-    /// cell.
+    /// sub-points. Judge depth by these: around a small tip, displacements of sub-points cancel
+    /// in the mean of a cell, so that the contacts of cells look too shallow.
     pub fn moved<'a>(&'a self, contacts: &'a Contacts) -> &'a Contacts {
         match self {
             Self::Points(_) => contacts,

@@ -232,7 +232,7 @@ impl RobotModel {
         chain.last().map(|j| *j as usize)
     }
 
-    /// Index of the child link of the [last joint](Self::last_joint); that of the first link without moving joints.
+    /// Index of the child link of the [last joint](Self::last_joint); 0, the root link, if no joint moves.
     pub fn last_link(&self) -> usize {
         self.last_joint().map_or(0, |j| self.joints[j].child())
     }

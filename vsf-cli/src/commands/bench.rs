@@ -140,7 +140,7 @@ fn soak_text(report: &SoakReport, replays: usize) -> String {
     let rows: Vec<_> = report.tenths.iter().enumerate().map(row).collect();
     format!(
         "{} rest points, {replays} replays per update, {:.0} samples a second due: {} steps, {} of them late\n{}\
-         resident memory {} MB before the first step, {} MB after the last\n",
+         resident memory {} MB before the buffers are filled, {} MB after the last step\n",
         report.points,
         report.rate_hz,
         report.steps,

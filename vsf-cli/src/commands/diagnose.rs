@@ -33,13 +33,12 @@ untestable. Probabilities are those of the catalogue's effects, of sets of up to
 
 With contact, and test sequences that no model has learned from, the errors before and after are those of the \
 fields that `vsf estimate --threshold` gives without and with the corrected model. Their contact threshold is \
-0.8 of the points' spacing. If the corrected model acts on contact or springs, its field has the threshold of \
-the search instead, and the nominal field the one of the two that predicts better. The errors of single \
+0.8 of the points' spacing. If the corrected model acts on contact or springs, or needs contact \
+(as inertia_drag and spatial_coupling do), its field has the threshold of the search instead, and the nominal field the one of the two that predicts better. The errors of single \
 effects (in JSON, and in the report if there are no such fields) are those of fields that the diagnosis fits \
 to windows of the train sequences, in the same way for every model.
 
-`stiffness_field`, among the effects that another one is not told from, is an object whose stiffness differs \
-from place to place.
+In `ambiguous_with`, `stiffness_field` stands for an object whose stiffness differs from place to place.
 
 JSON keys:
   schema, dataset
@@ -78,8 +77,8 @@ JSON keys:
       probability, effect_set_95
       hidden (probability that an effect acts which the stiffness absorbs;
           shared by the effects if there is no gap)
-      or_threshold (effects in place of which another contact threshold is
-          used, if any)
+      or_threshold (effects that another contact threshold explains as
+          well; it is used instead)
   next_experiment (action, why)
   notes")]
 pub struct Args {

@@ -50,9 +50,10 @@ pub struct Args {
     /// Contact thresholds to compare [m], such as 0.008,0.016: takes the first one that predicts held-out touches
     /// as well as the best, within one standard error; prior and noise are chosen for each
     ///
-    /// Default: 0.8 of the points' spacing, and a quarter and a sixteenth of that (if at least 0.1 mm and more than
-    /// the error of mesh grids). These are compared only if a batch or exact estimator chooses prior and noise on
-    /// held-out touches, with at least four touches and at most 1500 touched points.
+    /// Default: 0.8 of the points' spacing, and a quarter and a sixteenth of that (if at least 0.1 mm, and at least
+    /// the error of mesh grids). These are compared only if no threshold is set (by flag, configuration, recording or
+    /// model), no --model depends on contact, and `batch`, `exact` or `information` chooses prior and noise on held-out
+    /// touches, with at least four touches and at most 1500 touched points.
     #[arg(long, value_delimiter = ',', value_parser = length, conflicts_with = "threshold")]
     thresholds: Option<Vec<f64>>,
     #[command(flatten)]

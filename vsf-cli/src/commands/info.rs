@@ -242,7 +242,7 @@ fn text(report: &Report) -> String {
         yes(report.stored_field)
     );
     if !report.links_without_inertia.is_empty() {
-        text += &format!("  massless  {}\n", list(&report.links_without_inertia));
+        text += &format!("  no mass   {}\n", list(&report.links_without_inertia));
     }
     text.push('\n');
     let rows: Vec<_> = report

@@ -50,8 +50,8 @@ Optional keys:
 
   qd          joint velocities, used with measured torques and with
               --model; if missing, estimated from the slope of the
-              positions over 25 ms or five samples, and late by half of
-              that
+              positions over the last 25 ms, at least five samples; it lags by
+              half of that time
   touch       a number that changes where a touch begins
   sequence    a number that grows where the clock or the sensors start
               anew
@@ -59,8 +59,7 @@ Optional keys:
 The robot, its points and contact come from a recording. One sequence is enough, or a planned motion (`vsf \
 import --planned`).
 
-A gap in which the arm moved ends a touch if it is longer than 0.1 s or, in slow streams, if two samples are \
-missing. If the beginning of a touch was not seen (the arm is already inside the object), samples are skipped, \
+A gap in which the arm moved ends a touch if it is longer than 0.1 s and at least two samples are missing. If the beginning of a touch was not seen (the arm is already inside the object), samples are skipped, \
 and nothing is learned, until the arm has been in free air.
 
 Prior and noise that are not given are chosen from the recording's train sequences, as in `vsf estimate`. Each \
@@ -89,7 +88,7 @@ Summaries follow the clock of the samples. Those that nobody reads are left out,
 a file as input, which wait for their reader.
 
 The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C. Then the field is written \
-(exit code 0, or 1 if nothing was touched), and warnings tell what looks wrong with the samples (of a long \
+(exit code 0; if nothing was learned or touched, there is no field, and the code is 1), and warnings tell what looks wrong with the samples (of a long \
 stream, with parts from all over it).
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]

@@ -183,12 +183,12 @@ pub fn headings(diagnosis: &Diagnosis) -> String {
     let why = if below.is_empty() {
         ""
     } else if verdict.kind == VerdictKind::NoGap && verdict.hidden > 0.0 {
-        "; a probability beside a score below its null is hardly evidence, but a share of what the stiffness may hide"
+        "; where a score is below its null, the probability is hardly evidence, but a share of what the stiffness field may hide"
     } else if below.iter().all(|e| e.is_like_field()) {
-        "; a probability beside a score below its null is that of the effect in place of a stiffness that differs from place \
-         to place, which leaves it nothing"
+        "; where a score is below its null, the effect was weighed against a stiffness that differs from place to place, not \
+         against the other effects: with a uniform stiffness it explains as much, and beside such a field nothing is left for it"
     } else {
-        "; a probability beside a score below its null is that of the effect beside others, without which it does not show"
+        "; where a score is below its null, the probability is that of the effect together with others: alone it does not show"
     };
     format!(
         "score: gain of log evidence; null: score that is reached without any effect{tested}{closed}{why}"

@@ -46,8 +46,9 @@ pub struct EstimatorSettings {
     /// Standard deviation of the smooth part of the prior, relative to that of a point's own part; 0 for
     /// independent points; default: 0.25 or 0
     ///
-    /// The default is whichever of the two suits the sequences better. It is 0.25 with more than 1500 touched
-    /// points, and if both prior and noise are given; it is 0 for estimators that keep no correlations.
+    /// The default is whichever of the two suits the sequences better. With --hyper held-out it is 0.25 if more
+    /// than 1500 points are touched. It is 0.25 if both prior and noise are given, and 0 for estimators that keep no
+    /// correlations.
     #[arg(long, value_parser = share)]
     smooth_share: Option<f64>,
     /// Length scale of the smooth part of the prior [m]; default: 0.04

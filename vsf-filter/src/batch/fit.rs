@@ -106,9 +106,8 @@ impl<'a> BatchFit<'a> {
     /// Mean and variance of the given points, in their order.
     ///
     /// - `K > 0`: the marginals of the Gaussian posterior.
-    /// - Held at zero: mean 0, and as variance the mean squared distance from it. This is the second moment
-    ///   about zero of what the data say of the point when it is freed beside the others: a Gaussian with
-    ///   its mean below zero, truncated at zero.
+    /// - Held at zero: mean 0. The variance is the second moment about zero of the point's Gaussian if this
+    ///   point alone were freed. Its mean is below zero; only the part above zero counts.
     /// - Never touched: the prior, conditional on the touched points if correlated, its mean clamped at 0.
     ///   Where a part of the prior is smooth in space, this costs `O(n²)` time per point for `n` touched
     ///   points. If there are many, select points, or use [`BatchFit::mean`].

@@ -28,7 +28,8 @@ pub struct Parameter {
     /// A typical size, small compared with the change over which the prediction becomes nonlinear.
     ///
     /// It is the step of finite differences in screening (half of it afterward). Starting values are a few scales apart.
-    /// Values far beyond it count as unlikely: 5 scales for an amplitude in screening, 50 for other parameters. For a
+    /// It also bounds the deviation of the prior: at most 5 scales for amplitudes (in screening, and for effects on contact in
+    /// the fit, too), at most 50 scales or a quarter of the range for shapes. For a
     /// frequency, it is the change that shifts the phase by a small part of a turn over the recording.
     pub scale: f64,
     /// Whether the parameter is the share by which the field's torques at a joint are scaled.

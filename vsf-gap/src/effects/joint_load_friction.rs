@@ -11,7 +11,8 @@ use vsf_data::TorqueKind;
 /// size (nearly all at twice that speed).
 ///
 /// The load is that of the contact. Friction fades where the load is so small that its sign is noise:
-/// `-m_j tau_j tanh(tau_j / 0.1)`, three quarters of its size at 0.1 N m (or N). For readings of the actuators, the load is
+/// `-m_j tau_j tanh(l_j / 0.1) sign(qd_j)`, with the contact load `l_j` by the readings of all joints; it has three quarters of
+/// its size at 0.1 N m (or N). For readings of the actuators, the load is
 /// that of the arm's weight and motion, unless the motor is off: then friction alone balances these, and they would explain
 /// themselves.
 ///

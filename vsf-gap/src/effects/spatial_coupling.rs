@@ -21,7 +21,7 @@ pub struct SpatialCoupling;
 
 /// How far apart neighbors are at most, in typical distances: the faces and edges of a cubic grid.
 const REACH: f64 = 1.5;
-/// Points nearer than this share of the typical distance are in one place, as invalid pixels are. There is no spring
+/// Points nearer than this share of the reach are in one place, as invalid pixels are. There is no spring
 /// between them: thousands of such points would all be each other's neighbors.
 const SAME_PLACE: f64 = 1e-3;
 

@@ -14,21 +14,21 @@ pub struct Options {
     pub rate_hz: Option<f64>,
     /// Summaries per second; default 10.
     pub publish_hz: f64,
-    /// Longest gap between samples that is bridged \[s\]; default 0.1.
+    /// Longest gap between samples that is bridged \[s\]; default 0.1. At least 2.5 steps of the stream are
+    /// bridged, and 10 s until its rate is known.
     ///
-    /// After a longer one contacts are forgotten, since the path in between is unknown, and nothing is
-    /// learned from a touch that has begun meanwhile. A single missing sample is not a gap, however slow
-    /// the stream.
+    /// After a longer gap in which a joint moved by more than 1e-3 rad or m, contacts are forgotten, since the
+    /// path in between is unknown, and nothing is learned from a touch that has begun meanwhile.
     pub max_gap: f64,
-    /// Age at which an older sample counts as coming from a clock that was reset, not as late \[s\];
-    /// default 1. The age is relative to the last sample.
+    /// A sample at least this much older than the last one means that the clock was reset; a younger one is
+    /// late \[s\]; default 1.
     pub restart: f64,
     /// Largest number of samples that wait; default 64.
     pub queue: usize,
     /// What happens to samples when the queue is full.
     pub when_full: WhenFull,
-    /// Time from the first sample during which more samples may wait, those from before the node began
-    /// \[s\]; default 2.
+    /// For this time from the first sample on \[s\], more samples than `queue` may wait: those that came before
+    /// the node began; default 2.
     pub patience: f64,
     /// Number of samples at the beginning of each sequence, in free air, whose mean reading counts as zero;
     /// default 0.

@@ -6,6 +6,10 @@ use vsf_core::Observation;
 
 /// Readings in the air that are on average more than this share of those in contact are no noise.
 const MOST_OFFSET: f64 = 0.3;
+/// The same of one that is constant: that exceeds what means of samples differ from it by so many times, in so many means.
+const MOST_CONSTANT: f64 = 0.05;
+const CONSTANT: f64 = 4.0;
+const FEWEST_BLOCKS: usize = 4;
 /// Least number of samples in the air from which a conclusion is drawn.
 pub const LEAST_FREE: usize = 16;
 
@@ -27,10 +31,12 @@ pub fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     };
     let touch = (touching().map(square).sum::<f64>() / touches as f64).sqrt();
     let offset = means.iter().map(|m| m * m).sum::<f64>().sqrt();
-    if offset <= MOST_OFFSET * touch {
+    let largest = (0..joints.len()).max_by(|a, b| means[*a].abs().total_cmp(&means[*b].abs()))?;
+    let spread = spread_in_air(traces, largest, means[largest]);
+    let is_constant = means[largest].abs() > CONSTANT * spread;
+    if offset <= MOST_OFFSET * touch && !(is_constant && offset > MOST_CONSTANT * touch) {
         return None;
     }
-    let largest = (0..joints.len()).max_by(|a, b| means[*a].abs().total_cmp(&means[*b].abs()))?;
     Some(PipelineWarning::NotTared {
         joint: joints[largest].name().to_owned(),
         mean: means[largest],
@@ -38,6 +44,24 @@ pub fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
         touch,
         unit: scene.error_unit(),
     })
+}
+
+/// Root mean square of what the means of blocks of a joint's readings in the air differ from `mean` by (N m or N); infinite
+/// without enough of them.
+fn spread_in_air(traces: &[Trace], j: usize, mean: f64) -> f64 {
+    let free = traces
+        .iter()
+        .flat_map(|t| &t.observations)
+        .filter(|o| o.is_empty());
+    let readings: Vec<f64> = free.map(|o| o.reading()[j]).collect();
+    let blocks = readings.chunks_exact(LEAST_FREE);
+    let count = blocks.len();
+    if count < FEWEST_BLOCKS {
+        return f64::INFINITY;
+    }
+    let of_block = |block: &[f64]| block.iter().sum::<f64>() / LEAST_FREE as f64 - mean;
+    let squares: f64 = blocks.map(|block| of_block(block).powi(2)).sum();
+    (squares / count as f64).sqrt()
 }
 
 /// Reports readings that persist where nothing is touched but change their sign, so that their mean shows

@@ -294,8 +294,8 @@ pub enum PipelineWarning {
     /// readings from some time later.
     #[error(
         "torques lag behind the touches: with a delay of {}{seconds:.2} s{} removed, springs leave {:.0} % of the squared \
-         error that they leave now; check the clocks of joints and torques, or diagnose a latency (which may come out \
-         shorter, since the contact threshold lets touches begin before there is a force)",
+         error that they leave now; check the clocks of joints and torques, or diagnose a latency (a little shorter than this, since \
+         the contact threshold lets touches begin before there is a force)",
         if *is_more { "" } else { "some " }, if *is_more { " or more" } else { "" }, 100.0 * left
     )]
     Late {
@@ -303,8 +303,8 @@ pub enum PipelineWarning {
         seconds: f64,
         /// Whether the delay may be longer.
         is_more: bool,
-        /// Unexplained part of the readings with the delay removed, relative to that without, for springs
-        /// of equal stiffness at all points.
+        /// What springs of equal stiffness at all points leave unexplained after the delay is removed, as a share
+        /// of what they leave before.
         left: f64,
     },
     /// Torques of a joint whose scale in contact differs from that of the other joints.

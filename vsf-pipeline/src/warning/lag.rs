@@ -5,7 +5,6 @@
 //! did. Their lag is then found by shifting them against springs of equal stiffness at all points, if it is
 //! no longer than a touch. Readings that come early look like those of a viscous object and are not
 //! reported.
-//! not told.
 
 use super::PipelineWarning;
 use super::springs::{Likeness, Springs};

@@ -790,6 +790,29 @@ fn readings_that_are_not_tared() {
         warned(&plain, &readings)[..],
         [PipelineWarning::NotTared { .. }]
     ));
+    // A tenth of it, if it is the same all the time and long enough in the air.
+    let long = |offset: &dyn Fn(usize) -> f64| {
+        let swings = [swing_of(10 * ROWS)];
+        let swings: Vec<&Sequence> = swings.iter().collect();
+        let traces: Vec<_> = swings.iter().map(|s| plain.trace(s).unwrap()).collect();
+        let mut readings = simulate(&plain, &[50.0; 100], &swings, &traces).unwrap();
+        let rows = readings[0].torques.data_mut().chunks_exact_mut(3);
+        rows.enumerate().for_each(|(k, row)| row[0] += offset(k));
+        let trace = plain.trace(&readings[0]).unwrap();
+        reading_warnings(&plain, &[&readings[0]], &[trace])
+    };
+    assert_eq!(long(&|_| 0.0), []);
+    let [PipelineWarning::NotTared { touch: felt, .. }] = long(&|_| 30.0)[..] else {
+        panic!("an offset that is not told of");
+    };
+    let constant = long(&|_| 0.1 * felt);
+    assert!(
+        matches!(constant[..], [PipelineWarning::NotTared { .. }]),
+        "{constant:?}"
+    );
+    let drifting = long(&|k| 0.2 * felt * k as f64 / (10 * ROWS) as f64);
+    let not_tared = |w: &PipelineWarning| matches!(w, PipelineWarning::NotTared { .. });
+    assert!(!drifting.iter().any(not_tared), "{drifting:?}");
     // A small one is for the diagnosis.
     assert_eq!(
         warned(&plain, &first_joint(&touch(&plain), |v| v + 0.1)),
