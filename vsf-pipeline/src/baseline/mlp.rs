@@ -94,6 +94,14 @@ pub fn predict(
     };
 
     let (held, kept) = held_out(known);
+    if kept.is_empty() {
+        return Err(CoreError::TooFew {
+            what: "samples that a network is trained with, beside those that are held out",
+            got: 0,
+            least: 1,
+        }
+        .into());
+    }
     let (held, kept) = (data.select(&held), data.select(&kept));
     let tried: Vec<_> = sizes
         .par_iter()

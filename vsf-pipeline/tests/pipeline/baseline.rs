@@ -96,6 +96,22 @@ fn networks_of_no_or_endless_size_are_refused() {
 }
 
 #[test]
+fn a_network_needs_more_than_what_is_held_out() {
+    let (scene, train, test) = recording();
+    let first = |table: &Table| Table::new(7, table[0].to_vec()).unwrap();
+    let one = Sequence::new(
+        "0",
+        vec![0.0],
+        first(&train[0].angles),
+        first(&train[0].torques),
+    );
+    let test: Vec<_> = test.iter().collect();
+    let mlp = Baseline::Mlp(MlpConfig::default());
+    let error = mlp.predict(&scene, &[&one], &test).unwrap_err().to_string();
+    assert!(error.contains("held out"), "{error}");
+}
+
+#[test]
 fn same_bits_on_any_number_of_threads() {
     let (scene, train, test) = recording();
     let (train, test): (Vec<_>, Vec<_>) = (train.iter().collect(), test.iter().collect());
