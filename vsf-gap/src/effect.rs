@@ -149,8 +149,8 @@ pub trait Effect: Send + Sync {
     ///
     /// Each such choice is another model. If it predicts other sequences worse, or makes them less likely, it is not named.
     /// Where contact is rough, the best of many choices gains hundreds of nats though none is right. There, the effect also
-    /// has to close much of the gap on the test sequences, or to gain at least half as much per sample on them as on those that it was
-    /// fitted to.
+    /// has to close much of the gap on the test sequences, or to gain at least half as much per sample on them as on those
+    /// that it was fitted to.
     fn chooses_contacts(&self) -> bool {
         false
     }

@@ -1,8 +1,8 @@
 //! Diagnosis of the sim-to-real gap: *where* it lies, *which* unmodeled effect causes it, and *how far* it closes once that
 //! effect is in the model.
 //!
-//! How far the gap closes is measured on sequences that no model was fitted to. An effect is named only if it passes a check on the same
-//! sequences, so the share that it closes is slightly optimistic.
+//! How far the gap closes is measured on sequences that no model was fitted to. An effect is named only if it passes a check
+//! on the same sequences, so the share that it closes is slightly optimistic.
 //!
 //! The nominal model of a recording is `tau = W K`. Contacts give the columns `W`, and the stiffness `K` is estimated. (For
 //! an arm in free air, the nominal model is the rigid body alone.) An [`Effect`] changes it to `tau = G W K + a`, with

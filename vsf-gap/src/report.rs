@@ -57,8 +57,8 @@ pub struct EffectReport {
     /// Score (nats) that the effect reaches where nothing acts.
     ///
     /// A constant of the effect, calibrated on other recordings. It is higher where contact is rough, or where the effect
-    /// generalizes another one. The probability grows with the score beyond this value. To be the only named effect takes some 8 to 10 nats
-    /// beyond it. `null` if the effect was not fitted.
+    /// generalizes another one. The probability grows with the score beyond this value. To be the only
+    /// named effect takes some 8 to 10 nats beyond it. `null` if the effect was not fitted.
     #[serde(default)]
     pub null_score: Option<f64>,
     /// Parameters: those of the corrected model if the effect is part of it. Empty for effects that were not fitted.

@@ -43,8 +43,8 @@ impl Approach {
     pub fn nearest(scene: &Scene, sequences: &[&Sequence]) -> Result<Option<Self>, PipelineError> {
         let positions = scene.rest().positions();
         let rows: usize = sequences.iter().map(|s| s.len()).sum();
-        let (every_row, every_point) =
-            (rows.div_ceil(ROWS).max(1), positions.len().div_ceil(POINTS));
+        let every = |count: usize, most: usize| count.div_ceil(most).max(1);
+        let (every_row, every_point) = (every(rows, ROWS), every(positions.len(), POINTS));
         let mut posture = scene.robot().posture();
         let mut nearest: Option<Self> = None;
         for sequence in sequences {
@@ -54,7 +54,7 @@ impl Approach {
                     .update_posture(&sequence.angles[row], &mut posture)?;
                 for shape in scene.link_shapes() {
                     let X_WL = &posture.link_poses()[shape.link];
-                    let distance = (positions.iter().step_by(every_point.max(1)))
+                    let distance = (positions.iter().step_by(every_point))
                         .map(|p_W| shape.sdf.distance(&X_WL.inverse_transform_point(p_W)))
                         .fold(f64::INFINITY, f64::min);
                     if nearest

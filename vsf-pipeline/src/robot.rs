@@ -86,8 +86,8 @@ pub(crate) fn check_joints(dataset: &Dataset, robot: &RobotModel) -> Result<(), 
 
 /// Loads a robot by name or URDF, with its base at the origin.
 ///
-/// `joint_order` names the joints of a URDF in order, by default that of the chain; those of built-in robots have theirs. `packages` are the folders for
-/// `package://` names in the URDF.
+/// `joint_order` names the joints of a URDF in order, by default that of the chain; those of built-in robots have theirs.
+/// `packages` are the folders for `package://` names in the URDF.
 ///
 /// # Errors
 /// An unknown or unreadable robot.

@@ -33,9 +33,9 @@ untestable. Probabilities are those of the catalogue's effects, of sets of up to
 
 With contact, and test sequences that no model has learned from, the errors before and after are those of the \
 fields that `vsf estimate --threshold` gives without and with the corrected model. Their contact threshold is \
-0.8 of the points' spacing. If the corrected model acts on contact or springs, or needs contact \
-(as inertia_drag and spatial_coupling do), its field has the threshold of the search instead, and the nominal field the one of the two that predicts better. The errors of single \
-effects (in JSON, and in the report if there are no such fields) are those of fields that the diagnosis fits \
+0.8 of the points' spacing. If the corrected model acts on contact or springs, or needs contact (as \
+inertia_drag and spatial_coupling do), its field has the threshold of the search instead, and the nominal \
+field the one of the two that predicts better. The errors of single effects (in JSON, and in the report if there are no such fields) are those of fields that the diagnosis fits \
 to windows of the train sequences, in the same way for every model.
 
 In `ambiguous_with`, `stiffness_field` stands for an object whose stiffness differs from place to place.

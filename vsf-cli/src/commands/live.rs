@@ -50,8 +50,8 @@ Optional keys:
 
   qd          joint velocities, used with measured torques and with
               --model; if missing, estimated from the slope of the
-              positions over the last 25 ms, at least five samples; it lags by
-              half of that time
+              positions over the last 25 ms, at least five samples; it
+              lags by half of that time
   touch       a number that changes where a touch begins
   sequence    a number that grows where the clock or the sensors start
               anew
@@ -59,8 +59,8 @@ Optional keys:
 The robot, its points and contact come from a recording. One sequence is enough, or a planned motion (`vsf \
 import --planned`).
 
-A gap in which the arm moved ends a touch if it is longer than 0.1 s and at least two samples are missing. If the beginning of a touch was not seen (the arm is already inside the object), samples are skipped, \
-and nothing is learned, until the arm has been in free air.
+A gap in which the arm moved ends a touch if it is longer than 0.1 s and at least two samples are missing. If \
+the beginning of a touch was not seen (the arm is already inside the object), samples are skipped, and nothing is learned, until the arm has been in free air.
 
 Prior and noise that are not given are chosen from the recording's train sequences, as in `vsf estimate`. Each \
 reading then counts as independent of the others. Give a larger --noise-sd if the stream is much faster than \
@@ -88,8 +88,8 @@ Summaries follow the clock of the samples. Those that nobody reads are left out,
 a file as input, which wait for their reader.
 
 The stream ends with the pipe, with an empty datagram, after --idle, or by Ctrl-C. Then the field is written \
-(exit code 0; if nothing was learned or touched, there is no field, and the code is 1), and warnings tell what looks wrong with the samples (of a long \
-stream, with parts from all over it).
+(exit code 0; if nothing was learned or touched, there is no field, and the code is 1), and warnings tell what \
+looks wrong with the samples (of a long stream, with parts from all over it).
 
 JSON keys: points, touched, stiffness, nis_ratio, the counts, out.")]
 pub struct Args {
@@ -102,10 +102,10 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["udp", "wait"])]
     play: bool,
     /// IDs of the sequences to play; default: the train split
-    #[arg(long, value_delimiter = ',', requires = "play")]
+    #[arg(long, value_delimiter = ',')]
     sequences: Option<Vec<String>>,
     /// End after this time without a datagram [s]; default: never
-    #[arg(long, requires = "udp", value_name = "SECONDS", value_parser = whole(1_u32..=86_400))]
+    #[arg(long, value_name = "SECONDS", value_parser = whole(1_u32..=86_400))]
     idle: Option<u32>,
     /// Make the sender of a pipe wait instead of dropping samples; files always wait
     #[arg(long, conflicts_with = "udp")]
@@ -166,6 +166,15 @@ fn loopback(text: &str) -> Result<SocketAddr, String> {
 }
 
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
+    // The parser's `requires` does not ask for what conflicts with --wait.
+    for (flag, given, other, taken) in [
+        ("--sequences", args.sequences.is_some(), "--play", args.play),
+        ("--idle", args.idle.is_some(), "--udp", args.udp.is_some()),
+    ] {
+        if given && !taken {
+            return Err(usage(format!("{flag} is for {other}, which is missing")));
+        }
+    }
     if let Some(out) = &args.out {
         FieldFormat::check_estimate(out)?;
         claim(out, console)?;
@@ -174,15 +183,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<()> {
         return Err(usage(
             "no samples: pipe lines of JSON into this command, or give --udp or --play; see --help",
         ));
-    }
-    // Not refused by the parser beside --wait, which is not for them either.
-    for (flag, given, other, taken) in [
-        ("--sequences", args.sequences.is_some(), "--play", args.play),
-        ("--idle", args.idle.is_some(), "--udp", args.udp.is_some()),
-    ] {
-        if given && !taken {
-            return Err(usage(format!("{flag} is for {other}, which is missing")));
-        }
     }
     let settings = args.estimator.online();
     let EstimatorSpec::Online { filter, robust } = settings.spec()? else {

@@ -46,21 +46,31 @@ pub fn not_tared(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     })
 }
 
+/// Successive samples in the air, so many at a time: noise shrinks in their means.
+fn free_blocks(traces: &[Trace]) -> impl Iterator<Item = &[Observation<f64>]> {
+    let parts = traces.iter().flat_map(|t| {
+        let all = &t.observations;
+        all.chunk_by(|a, b| a.is_empty() == b.is_empty())
+    });
+    let free = parts.filter(|part| part[0].is_empty());
+    free.flat_map(|part| part.chunks_exact(LEAST_FREE))
+}
+
+/// Mean reading of a joint (N m or N).
+fn mean_of(block: &[Observation<f64>], j: usize) -> f64 {
+    block.iter().map(|o| o.reading()[j]).sum::<f64>() / block.len() as f64
+}
+
 /// Root mean square of what the means of blocks of a joint's readings in the air differ from `mean` by (N m or N); infinite
 /// without enough of them.
 fn spread_in_air(traces: &[Trace], j: usize, mean: f64) -> f64 {
-    let free = traces
-        .iter()
-        .flat_map(|t| &t.observations)
-        .filter(|o| o.is_empty());
-    let readings: Vec<f64> = free.map(|o| o.reading()[j]).collect();
-    let blocks = readings.chunks_exact(LEAST_FREE);
-    let count = blocks.len();
+    let count = free_blocks(traces).count();
     if count < FEWEST_BLOCKS {
         return f64::INFINITY;
     }
-    let of_block = |block: &[f64]| block.iter().sum::<f64>() / LEAST_FREE as f64 - mean;
-    let squares: f64 = blocks.map(|block| of_block(block).powi(2)).sum();
+    let squares: f64 = free_blocks(traces)
+        .map(|block| (mean_of(block, j) - mean).powi(2))
+        .sum();
     (squares / count as f64).sqrt()
 }
 
@@ -68,32 +78,18 @@ fn spread_in_air(traces: &[Trace], j: usize, mean: f64) -> f64 {
 /// nothing.
 pub fn felt_in_air(scene: &Scene, traces: &[Trace]) -> Option<PipelineWarning> {
     let joints = scene.robot().joints();
-    let (mut touch, mut touches) = (0.0, 0_usize);
-    let (mut of_joints, mut blocks) = (vec![0.0; joints.len()], 0_usize);
-    for trace in traces {
-        let parts = (trace.observations).chunk_by(|a, b| a.is_empty() == b.is_empty());
-        for part in parts {
-            if !part[0].is_empty() {
-                touch += part.iter().map(energy).sum::<f64>();
-                touches += part.len();
-                continue;
-            }
-            // Noise shrinks in their means.
-            for block in part.chunks_exact(LEAST_FREE) {
-                blocks += 1;
-                for (j, sum) in of_joints.iter_mut().enumerate() {
-                    let mean =
-                        block.iter().map(|o| o.reading()[j]).sum::<f64>() / block.len() as f64;
-                    *sum += mean * mean;
-                }
-            }
-        }
-    }
+    let touching = || {
+        let all = traces.iter().flat_map(|t| &t.observations);
+        all.filter(|o| !o.is_empty())
+    };
+    let (blocks, touches) = (free_blocks(traces).count(), touching().count());
     if blocks == 0 || touches == 0 {
         return None;
     }
+    let squares = |j: usize| free_blocks(traces).map(|b| mean_of(b, j).powi(2)).sum();
+    let of_joints: Vec<f64> = (0..joints.len()).map(squares).collect();
     let size = (of_joints.iter().sum::<f64>() / blocks as f64).sqrt();
-    let touch = (touch / touches as f64).sqrt();
+    let touch = (touching().map(energy).sum::<f64>() / touches as f64).sqrt();
     let largest = (0..joints.len()).max_by(|a, b| of_joints[*a].total_cmp(&of_joints[*b]))?;
     (size > MOST_OFFSET * touch).then(|| PipelineWarning::FeltInAir {
         joint: joints[largest].name().to_owned(),

@@ -9,38 +9,88 @@ const MOST_SPEED: f64 = 3.0;
 /// Changes count from this on (rad or m): encoders of fast controllers count in steps.
 const LEAST_JUMP: f64 = 0.01;
 
+/// The change of one joint's position that leads to a row of a touch, from the row before.
+struct Step<'a> {
+    joint: &'a Joint,
+    j: usize,
+    sequence: &'a Sequence,
+    /// Index of the sequence.
+    index: usize,
+    touch: Range<usize>,
+    row: usize,
+}
+
+impl Step<'_> {
+    /// The change that leads to a row, of the same joint (rad or m).
+    fn way(&self, row: usize) -> f64 {
+        let angles = &self.sequence.angles;
+        let (before, after) = (angles[row - 1][self.j], angles[row][self.j]);
+        self.joint.change(before, after).abs()
+    }
+
+    /// The time that it takes (s).
+    fn time(&self, row: usize) -> f64 {
+        self.sequence.time[row] - self.sequence.time[row - 1]
+    }
+
+    /// Position before and after.
+    fn ends(&self) -> [f64; 2] {
+        [self.row - 1, self.row].map(|row| self.sequence.angles[row][self.j])
+    }
+}
+
+/// The first odd step, and how many other joints have one.
+fn first<'a>(
+    robot: &'a RobotModel,
+    sequences: &[&'a Sequence],
+    is_odd: impl Fn(&Step<'_>) -> bool,
+) -> Option<(Step<'a>, usize)> {
+    let of_joint = |(j, joint): (usize, &'a Joint)| {
+        let sequences = sequences.iter().enumerate();
+        let touches = sequences.flat_map(|(i, s)| s.touches().map(move |touch| (i, *s, touch)));
+        let steps = touches.flat_map(|(index, sequence, touch)| {
+            let rows = touch.start + 1..touch.end;
+            let step = move |row| Step {
+                joint,
+                j,
+                sequence,
+                index,
+                touch: touch.clone(),
+                row,
+            };
+            rows.map(step)
+        });
+        steps.into_iter().find(|step| is_odd(step))
+    };
+    let mut found = robot.joints().iter().enumerate().filter_map(of_joint);
+    let step = found.next()?;
+    Some((step, found.count()))
+}
+
 /// Reports positions that change, within a touch, faster than the robot can move.
-pub fn warning<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+pub fn warning(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
     // Median time between samples (s).
     let tick = |s: &&Sequence| {
         let steps = s.time.windows(2).map(|t| t[1] - t[0]);
         median(steps.collect()).unwrap_or(0.0)
     };
     let ticks: Vec<f64> = sequences.iter().map(tick).collect();
-    let jump = |(j, joint): (usize, &'r Joint)| {
-        let limit = joint.limits().velocity;
-        let (sequence, row) = (sequences.iter().zip(&ticks)).find_map(|(s, tick)| {
-            let far = |row: &usize| {
-                let way = joint.change(s.angles[row - 1][j], s.angles[*row][j]).abs();
-                // Stamps of single samples jitter.
-                let dt = (s.time[*row] - s.time[row - 1]).max(*tick);
-                way > LEAST_JUMP && way > MOST_SPEED * limit * dt
-            };
-            moves(s).find(far).map(|row| (*s, row))
-        })?;
-        Some((joint, j, sequence, row))
-    };
-    let mut found = robot.joints().iter().enumerate().filter_map(jump);
-    let (joint, j, sequence, row) = found.next()?;
+    let (step, others) = first(robot, sequences, |step| {
+        let way = step.way(step.row);
+        // Stamps of single samples jitter.
+        let dt = step.time(step.row).max(ticks[step.index]);
+        way > LEAST_JUMP && way > MOST_SPEED * step.joint.limits().velocity * dt
+    })?;
+    let [from, to] = step.ends();
     Some(PipelineWarning::Jumps {
-        joint: joint.name().to_owned(),
-        limit: joint.limits().velocity,
-        unit: unit(joint),
-        sequence: sequence.id.clone(),
-        row,
-        from: sequence.angles[row - 1][j],
-        to: sequence.angles[row][j],
-        others: found.count(),
+        joint: step.joint.name().to_owned(),
+        limit: step.joint.limits().velocity,
+        unit: unit(step.joint),
+        sequence: step.sequence.id.clone(),
+        row: step.row,
+        from,
+        to,
+        others,
     })
 }
 
@@ -51,43 +101,35 @@ const BESIDE: usize = 10;
 const FEWEST_BESIDE: usize = 5;
 const LEAST_MOVED: f64 = 0.1;
 
-/// Positions that change, from one row to the next, far more than beside it: rows that are missing, exchanged or repeated.
-pub fn leaps<'r>(robot: &'r RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
-    let leap = |(j, joint): (usize, &'r Joint)| {
-        sequences.iter().find_map(|s| {
-            let way = |row: usize| joint.change(s.angles[row - 1][j], s.angles[row][j]).abs();
-            let speed = |row: usize| way(row) / (s.time[row] - s.time[row - 1]);
-            s.touches().find_map(|touch| {
-                let leap = |row: &usize| {
-                    let before = (touch.start + 1).max(row.saturating_sub(BESIDE + 1))
-                        ..row.saturating_sub(1);
-                    let after = row + 2..touch.end.min(row + 2 + BESIDE);
-                    let is_amid = before.len().min(after.len()) >= FEWEST_BESIDE;
-                    let beside = || before.clone().chain(after.clone());
-                    let moves = |rows: Range<usize>| rows.map(way).sum::<f64>();
-                    is_amid
-                        && way(*row) > LEAST_JUMP
-                        && moves(before.clone()).max(moves(after.clone())) > LEAST_MOVED * way(*row)
-                        && beside().all(|other| {
-                            speed(*row) > MOST_TIMES * speed(other)
-                                && way(*row) > MOST_TIMES * way(other)
-                        })
-                };
-                let row = touch.clone().skip(1).find(leap)?;
-                Some((joint, j, *s, row))
-            })
-        })
-    };
-    let mut found = robot.joints().iter().enumerate().filter_map(leap);
-    let (joint, j, sequence, row) = found.next()?;
+/// Reports positions that change, from one row to the next, far more than beside it: rows that are missing, exchanged or
+/// repeated.
+pub fn leaps(robot: &RobotModel, sequences: &[&Sequence]) -> Option<PipelineWarning> {
+    let (step, others) = first(robot, sequences, |step| {
+        let (row, touch) = (step.row, &step.touch);
+        let before = (touch.start + 1).max(row.saturating_sub(BESIDE + 1))..row.saturating_sub(1);
+        let after = row + 2..touch.end.min(row + 2 + BESIDE);
+        if before.len().min(after.len()) < FEWEST_BESIDE {
+            return false;
+        }
+        let way = step.way(row);
+        let moved = |rows: &Range<usize>| rows.clone().map(|r| step.way(r)).sum::<f64>();
+        let is_far = |other| {
+            let (beside, times) = (step.way(other), step.time(row) / step.time(other));
+            way > MOST_TIMES * beside && way > MOST_TIMES * beside * times
+        };
+        way > LEAST_JUMP
+            && moved(&before).max(moved(&after)) > LEAST_MOVED * way
+            && before.chain(after).all(is_far)
+    })?;
+    let [from, to] = step.ends();
     Some(PipelineWarning::Leaps {
-        joint: joint.name().to_owned(),
-        unit: unit(joint),
-        sequence: sequence.id.clone(),
-        row,
-        from: sequence.angles[row - 1][j],
-        to: sequence.angles[row][j],
-        others: found.count(),
+        joint: step.joint.name().to_owned(),
+        unit: unit(step.joint),
+        sequence: step.sequence.id.clone(),
+        row: step.row,
+        from,
+        to,
+        others,
     })
 }
 

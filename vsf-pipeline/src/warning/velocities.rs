@@ -70,25 +70,28 @@ const LEAST_FROZEN: usize = 8;
 const MOST_STEPS: f64 = 5.0;
 
 /// Positions that stay for a while at one value, to the last digit, while their velocities go on.
-pub fn frozen(robot: &RobotModel, sequences: &[Cow<'_, Sequence>]) -> Option<PipelineWarning> {
-    let of_joint = |(j, joint): (usize, &vsf_robots::Joint)| {
-        sequences.iter().find_map(|s| {
-            let (rows, way) = longest_stay(s, j)?;
-            Some(PipelineWarning::FrozenPositions {
-                joint: joint.name().to_owned(),
-                sequence: s.id.clone(),
-                row: rows.start,
-                count: rows.len(),
-                value: s.angles[rows.start][j],
-                way,
-                unit: super::unit(joint),
-                others: 0,
-            })
-        })
+pub fn frozen<'r>(
+    robot: &'r RobotModel,
+    sequences: &[Cow<'_, Sequence>],
+) -> Option<PipelineWarning> {
+    let of_joint = |(j, joint): (usize, &'r vsf_robots::Joint)| {
+        let stay = sequences
+            .iter()
+            .find_map(|s| Some((s, longest_stay(s, j)?)))?;
+        Some((j, joint, stay))
     };
     let mut found = robot.joints().iter().enumerate().filter_map(of_joint);
-    let first = found.next()?;
-    Some(first.and_others(found.count()))
+    let (j, joint, (s, (rows, way))) = found.next()?;
+    Some(PipelineWarning::FrozenPositions {
+        joint: joint.name().to_owned(),
+        sequence: s.id.clone(),
+        row: rows.start,
+        count: rows.len(),
+        value: s.angles[rows.start][j],
+        way,
+        unit: super::unit(joint),
+        others: found.count(),
+    })
 }
 
 /// The rows of the stay in which velocities go the furthest, and how far (rad or m), if that is far.

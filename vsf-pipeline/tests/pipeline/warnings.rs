@@ -438,6 +438,17 @@ fn positions_that_leap_or_freeze() {
         _ => false,
     };
     assert!(warnings.iter().any(told), "{warnings:?}");
+    // Of both joints that move.
+    let both = |q: &mut [f64]| {
+        let values = [q[3 * 110], q[3 * 110 + 1]];
+        (110..200).for_each(|row| q[3 * row..][..2].copy_from_slice(&values));
+    };
+    let warnings = found(&both, true);
+    let others = warnings.iter().find_map(|w| match w {
+        PipelineWarning::FrozenPositions { others, .. } => Some(*others),
+        _ => None,
+    });
+    assert_eq!(others, Some(1), "{warnings:?}");
 }
 
 /// Where the arm passes far from the points, the error says how far.
